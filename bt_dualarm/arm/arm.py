@@ -53,6 +53,14 @@ class Arm(ArmMotions):
             return fault
         return super().pending_fault()
 
+    def refuse_dropped(self) -> None:
+        """Check that the hand has lost nothing while no leaf was checking.
+
+        Raises:
+            Failure: ``DROPPED``.
+        """
+        self.known.refuse_dropped()
+
     # Gripper, objects and camera
 
     @property

@@ -413,6 +413,7 @@ class ArmGripper:
 
     def forget_lost(self) -> None:
         """Detach a lost object: from the sensors, fingers have shut or the cup leaks."""
+        self._known.dropped = None
         if self.is_lost:
             self.forget_released()
 

@@ -82,10 +82,13 @@ class KnownObjects:
     Attributes:
         released: What the arm has released last, if the leaf that did so was halted or failed
             before the hand had left it.
+        dropped: Failure ``DROPPED`` of an object that the hand has lost while no leaf was checking;
+            the next one that checks, or needs a held object, fails with it.
     """
 
     def __init__(self, world: World, arm: str) -> None:
         self.released: Released | None = None
+        self.dropped: Failure | None = None
         self._world = world
         self._arm = arm
         self._known: dict[str, KnownPose] = {}
@@ -238,12 +241,23 @@ class KnownObjects:
         """Take over a pose in the world at which the arm's own leaf has spawned the object."""
         self._set(name, KnownPose(pose, "declared", self._world.time))
 
+    def refuse_dropped(self) -> None:
+        """Raise `dropped`, once.
+
+        Raises:
+            Failure: ``DROPPED``.
+        """
+        failure, self.dropped = self.dropped, None
+        if failure is not None:
+            raise failure
+
     def took(self, name: str) -> None:
         """Record that the arm holds an object from now on; it is lost later unless released.
 
         What rides on it moves along from now on, also after its release.
         """
         self.released = None
+        self.dropped = None
         self._known.pop(name, None)
         self._unknown[name] = f"{self._arm} had taken it, and lost it"
         carrier = self.where(name)

@@ -27,6 +27,7 @@ _LIFT_S: Final = 0.3  # motion time after a grasp while the load is transferred 
 _SURE: Final = 2.0  # an estimated mass must exceed a payload by this many standard deviations
 _PRESSES: Final = 0.3  # fraction of the commanded force; less is friction of the drive
 _NO_VACUUM: Final = 0.01
+_UNWATCHED_S: Final = 0.2  # time since the last check of a leaf after which none is checking
 _SHAKE: Final = 8.0  # m/s² that the grip on an estimated load must withstand, as in `grasp`
 
 NEAR_SLIDING: Final = 0.9
@@ -114,6 +115,7 @@ class SlipResponse:
         self._weighed = self._loads
         self._too_heavy: Failure | None = None
         self._refused: frozenset[str] = frozenset()
+        self._checked_at = -math.inf
         self.may_touch = False
         self.felt = 0
         self.felt_at = -math.inf
@@ -130,21 +132,26 @@ class SlipResponse:
             failure = self._too_heavy
             self._too_heavy = None
             raise failure
+        self._checked_at = self._world.time
+        self._drop_lost()
+        self._known.refuse_dropped()
+
+    def _drop_lost(self) -> None:
+        """Detach the held object if the gripper has lost it, and prepare the failure."""
         hardware = self._world.grippers.get(self._name)
         grip = self._grip
-        if hardware is None or grip is None:
+        if hardware is None or grip is None or self._world.time - grip.sensed_at <= LOST_S:
             return
-        if self._world.time - grip.sensed_at > LOST_S:
-            self._grip = None
-            name = grip.held.object
-            self._world.attachments.detach(self._name, name)
-            raise Failure(
-                "DROPPED",
-                f"{name!r} is no longer held",
-                width_m=hardware.width,
-                width_before_m=grip.width,
-                force_n=hardware.force,
-            )
+        self._grip = None
+        name = grip.held.object
+        self._world.attachments.detach(self._name, name)
+        self._known.dropped = Failure(
+            "DROPPED",
+            f"{name!r} is no longer held",
+            width_m=hardware.width,
+            width_before_m=grip.width,
+            force_n=hardware.force,
+        )
 
     def look(self) -> None:
         """Evaluate the sensors and respond; to be called once per control period."""
@@ -177,6 +184,11 @@ class SlipResponse:
         asked = hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
             grip.sensed_at = now
+        elif now - self._checked_at > _UNWATCHED_S:
+            # A controller that counts on the inertia of an object which is gone is unstable.
+            self._drop_lost()
+            if self._grip is None:
+                return
         # A partner that takes or carries the object pulls at it by design.
         pulled = (pulled and not (self.may_touch or self._is_shared)) or _gives(grip, hardware)
         if pulled and now - self.felt_at > _PAUSE_S:

@@ -78,6 +78,11 @@ class SkillRun:
         _UNCLOSED.add(self)
 
     @property
+    def needs_held(self) -> bool:
+        """Whether the skill works only while the arm holds an object."""
+        return self._skill.needs_held
+
+    @property
     def names(self) -> frozenset[str]:
         """Texts among its ports, and to what their poses are relative: all objects in its task."""
         values = self._skill.ports.__dict__.values()
@@ -200,6 +205,13 @@ class HeldArm(Protocol):
         It is raised in the skill where it waits, so that no skill has to poll for it.
         """
 
+    def refuse_dropped(self) -> None:
+        """Check that the hand has lost nothing while no leaf was checking.
+
+        Raises:
+            Failure: ``DROPPED``.
+        """
+
     def release(self) -> None:
         """Stop the motion that the leaf has started, if there is one."""
 
@@ -263,8 +275,10 @@ class Leaf(AcyclicNode):
         try:
             self._held_arm.enter(anew=self._run is None)
             if self._run is None:
-                fault = None
                 self._run = self._start()
+                if self._run.needs_held:
+                    self._held_arm.refuse_dropped()
+                fault = None
             else:
                 fault = self._held_arm.pending_fault()
             continues = self._run.step(fault)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import bt_dualarm as bt
 from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage
 from tests.skills.scenarios import CUBE, GRASP, GRIPPING, ON_TABLE, Scenario, Tree
@@ -229,3 +230,31 @@ def test_pose_estimate_centers_the_part_between_the_fingers(stage: Stage) -> Non
     arm = world.arms["arm1"]
     estimated = arm.tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
     assert estimated.distance(world.object_pose("thing")) < 2e-3
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
+@pytest.mark.parametrize(
+    ("then", "code"),
+    [
+        (PLACE, "DROPPED"),
+        ({"transport": {"object": "cube", "to": {"xyz": [0.3, -0.3, 0.6]}}}, "DROPPED"),
+        ({"go_home": {}}, "DROPPED"),
+        (TAKE_OTHER, "SUCCESS"),
+        ({"wait": 0.1}, "SUCCESS"),
+    ],
+    ids=["place", "transport", "go home", "grasp", "wait"],
+)
+def test_an_object_that_is_lost_while_no_leaf_checks_is_detached_at_once(
+    gripper: str, then: Tree, code: str
+) -> None:
+    """The controller counted on its inertia until a leaf checked, and could become unstable."""
+    file = scene(gripper).file(GRASP, {"wait": 8}, then)
+    file["faults"] = {"theft": {"kind": "removed_object", "object": "cube", "begin": "9 s"}}
+    with bt.open({"bt_dualarm": 1} | file) as run:
+        attachments = run.assembly.world.attachments
+        run.step(9.0)
+        assert attachments.attached_to("arm1") == ("cube",)
+        run.step(0.8)
+        assert attachments.attached_to("arm1") == ()
+        leaves = run.finish().arms["arm1"].runs
+    assert [leaf.code or leaf.status for leaf in leaves] == ["SUCCESS", "SUCCESS", code]
