@@ -79,8 +79,10 @@ class Place(Skill):
         arm.refuse_shared()
         goal = self.ports.at.pose_from(object_pose)
         looked_for = self._looked_for(name)
-        passengers = PassengerCheck(arm.world, name, [goal])
         setting_down = SettingDown(arm, self.ports, held, self.metrics)
+        if not self.ports.at.is_oriented:
+            goal = setting_down.level(goal)
+        passengers = PassengerCheck(arm.world, name, [goal])
         try:
             if released is not None:
                 yield from setting_down.resume(released)

@@ -16,6 +16,7 @@ from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.rotations import from_rotation_vectors, product
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.skill.grip import Grip
@@ -274,6 +275,35 @@ class SettingDown:
         self._metrics["believed_error_m"] = object_pose.distance(goal)
         yield from self._release(grip.width, object_pose)
         return object_pose
+
+    def level(self, goal: Pose) -> Pose:
+        """The goal; if the object would not rest there, the nearest one with a vertical axis.
+
+        For a goal without an orientation of its own: an arm that was halted in the middle of a
+        motion holds an object tilted, as no plan would have ended.
+
+        Args:
+            goal: Pose of the object in the world.
+        """
+        if self._rests_at(goal):
+            return goal
+        axes = goal.rotation_matrix
+        nearest = int(np.argmax(np.abs(axes[2])))
+        axis = axes[:, nearest] * np.sign(axes[2, nearest])
+        up = np.array((0.0, 0.0, 1.0))
+        across = np.cross(axis, up)
+        turn = across * (np.arccos(min(axis[2], 1.0)) / max(float(np.linalg.norm(across)), 1e-12))
+        quaternion = product(from_rotation_vectors(turn[None]), goal.quaternion[None])[0]
+        leveled = Pose(goal.position, quaternion)
+        return leveled if self._rests_at(leveled) else goal
+
+    def _rests_at(self, goal: Pose) -> bool:
+        """Whether the object would rest at a goal, as far as its support is declared."""
+        try:
+            self._support_at(goal)
+        except Failure:
+            return False
+        return True
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
         """Wait until the released object rests, and check its true pose, as a referee.

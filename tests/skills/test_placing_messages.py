@@ -1,7 +1,11 @@
-"""Messages of `place` for goals at which an object would not stay."""
+"""What `place` does and says about goals at which an object would not stay."""
 
 from __future__ import annotations
 
+import pytest
+
+from tests.plays import Stage
+from tests.skills.scenarios import GRIPPING, Scenario, Tree
 from tests.skills.test_unnamed_objects import failure
 
 
@@ -21,3 +25,31 @@ def test_unstable_capsule_is_not_blamed_on_the_support() -> None:
     assert code == "NOT_SUPPORTED", reason
     assert "not level" not in reason
     assert "give `at` an orientation in which it lies" in reason
+
+
+SHAPES: dict[str, Tree] = {
+    "box": {"shape": "box", "size": [0.04, 0.05, 0.05]},
+    "can": {"shape": "cylinder", "size": [0.02, 0.06]},
+}
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize("name", list(SHAPES))
+@pytest.mark.parametrize(
+    "turn", [{"angle": 8, "axis": [1, 0, 0]}, {"angle": -20, "axis": [1, 1, 0]}]
+)
+def test_an_object_that_is_held_tilted_is_placed_upright(
+    robot: str, name: str, turn: Tree, stage: Stage
+) -> None:
+    """So an arm holds one that was halted in the middle of a motion: NOT_SUPPORTED."""
+    shape = SHAPES[name]
+    height = 0.5 * shape["size"][-1]
+    thing = shape | {"mass": 0.1, "pose": {"xyz": [0.40, -0.45, 0.4005 + height]}}
+    gripper = "panda_hand" if robot == "panda" else "robotiq_2f85"
+    arm = GRIPPING | {"robot": robot, "gripper": gripper}
+    place = {"place": {"at": {"xyz": [0.30, -0.35, 0.4005 + height]}}}
+    leaves: list[Tree] = [{"grasp": {"object": "thing"}}, {"rotate_tool": turn}, place]
+    file = Scenario({"thing": thing}, arm=arm, scene="table").file(*leaves)
+    play = stage.run(file)
+    assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
+    assert abs(play.world.object_pose("thing").rotation_matrix[2, 2]) > 0.9999
