@@ -38,7 +38,11 @@ _SIGMAS = 3.0  # allowed in addition, in standard deviations of the estimate
 
 class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to place; by default what the gripper holds")
-    at: CarriedPose = port(..., "goal pose of the object; by default with its current orientation")
+    at: CarriedPose = port(
+        ...,
+        "goal pose of the object; by default with its current orientation, or upright if it would "
+        "tip over in that",
+    )
     look: bool = port(False, "whether the wrist camera then verifies the object's pose")
 
 

@@ -188,18 +188,20 @@ def test_stretched_arm_lowers_as_slowly_as_required() -> None:
     assert float(leaf.metrics["impact_n"]) < 15.0
 
 
-@pytest.mark.parametrize(("angle", "code"), [(15, "NOT_SUPPORTED"), (45, "IN_COLLISION")])
-def test_tilted_object_is_refused_with_its_tilt_as_the_reason(angle: float, code: str) -> None:
-    """Without an orientation, the goal has that of the hand, which has rotated since the grasp."""
+def test_tilted_object_is_refused_with_its_tilt_as_the_reason() -> None:
+    """Without an orientation, the goal has that of the hand, which has rotated since the grasp.
+
+    Halfway between two axes, neither is meant.
+    """
     box = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 0.2}
     leaf = placed(
         "ur5",
         "robotiq_2f85",
         {"thing": box | {"pose": {"xyz": [0.40, -0.45, 0.43]}}},
         {"grasp": {"object": "thing"}},
-        {"rotate_tool": {"axis": "x", "angle": angle}},
+        {"rotate_tool": {"axis": "x", "angle": 45}},
         {"place": {"at": {"xyz": [0.35, -0.45, 0.43]}}},
     )
-    assert leaf.code == code, leaf
+    assert leaf.code == "IN_COLLISION", leaf
     assert "no orientation" in leaf.reason
-    assert f"{angle}° from upright" in leaf.reason
+    assert "45° from upright" in leaf.reason
