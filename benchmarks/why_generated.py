@@ -1,8 +1,7 @@
 """Mistakes of a generated family: random tasks of random robots, with one random fault each.
 
-The tasks are picks, paths, searches by sight, tracking, handovers and carries of two arms, drawers,
-insertions, and arms that share a zone and meet. A fault is a function that changes such a task, and
-states which causes are right for it. Both are drawn from a seed: the rules of ``bt-why`` cannot
+The tasks are those of `benchmarks.random_tasks`. A fault is a function that changes such a task,
+and states which causes are right for it. Both are drawn from a seed: the rules of ``bt-why`` cannot
 know them. About a third of the leaves are within a retry, a timeout or a selector. A fault counts
 only if the task succeeds without it.
 """
@@ -17,64 +16,9 @@ from typing import Final
 import numpy as np
 
 from benchmarks.random_programs import Dice
-from benchmarks.why_mistake import Mistake, Tree, box, shipped
+from benchmarks.random_tasks import DOWN, TASKS, Task
+from benchmarks.why_mistake import Mistake, Tree, box
 from bt_dualarm.robots.robot_description import load_robot
-
-_REACH: Final[Mapping[str, float]] = {
-    "ur3e": 0.50,
-    "ur5": 0.85,
-    "ur5e": 0.85,
-    "ur10": 1.30,
-    "ur10e": 1.30,
-    "panda": 0.80,
-    "fr3": 0.80,
-    "xarm7": 0.70,
-}
-"""Robots of the family, and how far from its base each can grasp from above, m."""
-
-_DOWN: Final = (180, 0, 0)
-
-
-@dataclass
-class Task:
-    """A tree that succeeds, and what a fault may change in it.
-
-    Attributes:
-        tree: The tree.
-        leaves: Leaves of the arm that fails, in order, each a mapping from the name of its skill.
-        arm: Name of that arm.
-        partner: Name of the other arm; empty if there is none.
-        object: Name of the object that it works with; empty if there is none.
-        goal: Where the object or the tool is to be at the end, m.
-        reach: How far from the base the arm can grasp, m.
-        duration: Longest simulated time of a run, s.
-    """
-
-    tree: Tree
-    leaves: list[Tree]
-    arm: str = "arm1"
-    partner: str = ""
-    object: str = ""
-    goal: Sequence[float] = (0.0, 0.0, 0.0)
-    reach: float = 0.8
-    duration: float = 40.0
-
-    def ports(self, skill: str) -> Tree:
-        """Ports of the first leaf of a skill."""
-        return next(leaf[skill] for leaf in self.leaves if skill in leaf)
-
-    def index(self, skill: str) -> int:
-        """Position of the first leaf of a skill."""
-        return next(i for i, leaf in enumerate(self.leaves) if skill in leaf)
-
-    def has(self, skill: str) -> bool:
-        """Whether the failing arm has a leaf of a skill."""
-        return any(skill in leaf for leaf in self.leaves)
-
-    def add_arm(self, name: str, robot: str, xyz: Sequence[float], *leaves: Tree) -> None:
-        """Add an arm with a sequence of leaves."""
-        base = {"xyz": [*xyz]}
-        self.tree["arms"][name] = {"robot": robot, "base": base, "tree": {"sequence": [*leaves]}}
 
 
 @dataclass(frozen=True)
@@ -132,24 +76,17 @@ def planted(task_name: str, fault_name: str, dice: Dice) -> Mistake | None:
     if names is None:
         return None
     _wrap(task, dice)
-    _finish(task)
-    _finish(original)
     robots = "+".join(str(arm["robot"]) for arm in task.tree["arms"].values())
     kind, *also = fault.kinds
     return Mistake(
         f"{task_name} {robots}: {fault.name}",
-        task.tree,
+        task.finish(),
         kind,
         names,
         task.duration,
         tuple(also),
-        original.tree,
+        original.finish(),
     )
-
-
-def _finish(task: Task) -> None:
-    """Put the leaves into the tree of their arm."""
-    task.tree["arms"][task.arm]["tree"] = {"sequence": task.leaves}
 
 
 def _wrap(task: Task, dice: Dice) -> None:
@@ -165,209 +102,6 @@ def _wrap(task: Task, dice: Dice) -> None:
             case 2:
                 fail = {"fail": {"code": "GAVE_UP", "reason": "the cell needs a person"}}
                 task.leaves[i] = {"selector": [leaf, fail]}
-
-
-# ---------------------------------------------------------------- tasks
-
-
-def _file(dice: Dice, objects: Tree, arms: Tree) -> Tree:
-    world = {"scene": "empty", "reality": dice.one(["ideal", "lab", "rough"])}
-    return {"bt_dualarm": 1, "name": "generated", "world": world, "objects": objects, "arms": arms}
-
-
-def _around(radius: float, angle: float, z: float) -> list[float]:
-    x, y = radius * np.cos(angle), radius * np.sin(angle)
-    return [round(float(x), 3), round(float(y), 3), round(z, 4)]
-
-
-def _stand(at: Sequence[float], size: float = 0.12) -> Tree:
-    """A fixed stand below a position."""
-    height = round(at[2], 4)
-    return box((size, size, height), (at[0], at[1], round(height / 2, 4)))
-
-
-def _picks(dice: Dice) -> Task:
-    """An arm picks a box or a cylinder from a stand, and places it on another one."""
-    robot = dice.one(list(_REACH))
-    reach = _REACH[robot]
-    angle = dice.number(-1.2, 1.2)
-    width = dice.number(0.03, 0.05)
-    height = dice.number(0.04, 0.08)
-    top = dice.number(0.15, 0.3)
-    begin = _around(dice.number(0.6, 0.75) * reach, angle, top)
-    goal = _around(dice.number(0.6, 0.75) * reach, angle + dice.number(0.6, 1.2), top)
-    upright = dice.one(["box", "cylinder"])
-    size = [width, width, height] if upright == "box" else [width / 2, height]
-    name = dice.one(["part", "can", "brick", "workpiece"])
-    mass = dice.number(0.1, 0.4)
-    lifted = round(top + height / 2 + 0.0005, 4)
-    thing = {"shape": upright, "size": size, "mass": mass, "color": dice.one(["red", "blue"])}
-    thing["pose"] = {"xyz": [*begin[:2], lifted]}
-    objects = {"from": _stand(begin), "onto": _stand(goal), name: thing}
-    place = [*goal[:2], lifted]
-    above = [*goal[:2], lifted + 0.12]
-    gripper = "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-    arm = {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0]}}
-    tree = _file(dice, objects, {"arm1": arm})
-    leaves: list[Tree] = [
-        {"grasp": {"object": name}},
-        {"transport": {"object": name, "to": {"xyz": above}}},
-        {"place": {"object": name, "at": {"xyz": place}}},
-        {"go_home": {}},
-    ]
-    return Task(tree, leaves, object=name, goal=place, reach=reach)
-
-
-def _paths(dice: Dice) -> Task:
-    """An arm moves to a pose and along a curve."""
-    robot = dice.one(list(_REACH))
-    reach = _REACH[robot]
-    angle = dice.number(-1.2, 1.2)
-    goal = _around(dice.number(0.55, 0.7) * reach, angle, dice.number(0.4, 0.6) * reach)
-    plane = dice.one(["xy", "xz", "yz"])
-    curve = dice.one(
-        [
-            {"circle": {"plane": plane, "radius": dice.number(0.03, 0.07)}},
-            {"lissajous": {"plane": plane, "amplitudes": [0.06, 0.04], "frequencies": [1, 2]}},
-            {"move_linear": {"offset": {"xyz": [0, 0, 0.1], "frame": "world"}}},
-        ]
-    )
-    pose = {"xyz": goal, "rpy": [*_DOWN]}
-    arm = {"robot": robot, "base": {"xyz": [0, 0, 0]}}
-    leaves: list[Tree] = [{"reach_to_pose": {"to": pose}}, curve, {"go_home": {}}]
-    return Task(_file(dice, {}, {"arm1": arm}), leaves, goal=goal, reach=reach, duration=30.0)
-
-
-def _tracks(dice: Dice) -> Task:
-    """A Panda follows the cube that another arm moves."""
-    tree = shipped("visual_tracking")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    color = dice.one(["yellow", "green", "red"])
-    tree["objects"]["cube"]["color"] = color
-    leader = tree["arms"]["arm1"]["tree"]["sequence"]
-    leader[2] = dice.one(
-        [
-            {"circle": {"plane": "yz", "radius": dice.number(0.06, 0.1), "turns": 2, "speed": 0.4}},
-            {
-                "lissajous": {
-                    "plane": "yz",
-                    "amplitudes": [0.08, 0.06],
-                    "frequencies": [1, 2],
-                    "speed": 0.3,
-                }
-            },
-        ]
-    )
-    track = tree["arms"]["arm2"]["tree"]["track"]
-    track |= {"color": color, "lost_timeout": 2.0}
-    leaves = [{"track": track}]
-    return Task(tree, leaves, arm="arm2", partner="arm1", object="cube", goal=(0.68, 0.11, 0.70))
-
-
-def _handovers(dice: Dice) -> Task:
-    """An arm takes a bar and hands it to another one."""
-    tree = shipped("handover")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    giver = dice.one(["ur5", "ur5e", "fr3", "panda"])
-    taker = dice.one(["panda", "fr3", "xarm7", "ur5e"])
-    for name, robot in (("arm1", giver), ("arm2", taker)):
-        tree["arms"][name]["robot"] = robot
-        tree["arms"][name]["gripper"] = (
-            "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-        )
-    leaves: list[Tree] = [
-        {"grasp": {"object": "bar"}},
-        {"hand_over": {"object": "bar", "to": "arm2"}},
-        {"go_home": {}},
-    ]
-    tree["arms"]["arm2"]["tree"] = {
-        "sequence": [{"take_over": {"object": "bar", "from": "arm1"}}, {"go_home": {}}]
-    }
-    return Task(tree, leaves, partner="arm2", object="bar", goal=(0.5, 0, 0.4), duration=60.0)
-
-
-def _carries(dice: Dice) -> Task:
-    """Two arms carry a beam."""
-    tree = shipped("carry_together")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    tree["objects"]["beam"]["mass"] = dice.number(1.5, 4.0, 1)
-    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
-    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
-    return Task(tree, leaves, partner="arm2", object="beam", goal=(0.03, -0.4, 0.53), duration=60.0)
-
-
-def _searches(dice: Dice) -> Task:
-    """An arm looks for a cube and picks it."""
-    tree = shipped("pick_by_sight")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    robot = dice.one(["panda", "fr3", "ur5e", "xarm7"])
-    tree["arms"]["arm1"]["robot"] = robot
-    if robot in ("ur5e", "xarm7"):
-        tree["arms"]["arm1"]["gripper"] = "robotiq_2f85"
-    at = [dice.number(0.25, 0.45), dice.number(-0.55, -0.42), 0.425]
-    tree["objects"]["cube"] |= {"pose": {"xyz": at}, "noise": {}}
-    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
-    for i, leaf in enumerate(leaves):
-        if "retry" in leaf:
-            leaves[i] = leaf["retry"]["child"]
-    return Task(tree, leaves, object="cube", goal=at, duration=60.0)
-
-
-def _drawers(dice: Dice) -> Task:
-    """An arm opens a drawer and puts a cube into it."""
-    tree = shipped("drawer")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
-    tree.pop("goal")
-    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
-    return Task(tree, leaves, object="cube", goal=(0.45, -0.42, 0.5), duration=60.0)
-
-
-def _insertions(dice: Dice) -> Task:
-    """An arm inserts a peg into a hole."""
-    tree = shipped("peg_in_hole")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
-    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
-    return Task(tree, leaves, object="peg", goal=(0.30, -0.48, 0.44), duration=150.0)
-
-
-def _meetings(dice: Dice) -> Task:
-    """Two arms put their cubes on one tray, one at a time, and then meet."""
-    tree = shipped("shared_bin")
-    tree["world"]["reality"] = dice.one(["ideal", "lab"])
-    del tree["arms"]["arm3"], tree["objects"]["blue"], tree["objects"]["shelf3"]
-    tree["cell"]["rendezvous"]["all_placed"] = ["arm1", "arm2"]
-    tree.pop("subtrees")
-
-    def fill(cube: str, spot: list[float]) -> list[Tree]:
-        place = [{"place": {"object": cube, "at": {"xyz": spot}}}, {"go_home": {}}]
-        return [
-            {"grasp": {"object": cube}},
-            {"claim": {"zone": "tray", "child": {"sequence": place}}},
-            {"meet": "all_placed"},
-            {"go_home": {}},
-        ]
-
-    leaves = fill("red", [0.40, 0.05, 0.24])
-    tree["arms"]["arm2"]["tree"] = {"sequence": fill("green", [0.58, 0.05, 0.24])}
-    return Task(tree, leaves, partner="arm2", object="red", goal=(0.4, 0.05, 0.24), duration=60.0)
-
-
-TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
-    "pick": _picks,
-    "path": _paths,
-    "track": _tracks,
-    "handover": _handovers,
-    "carry": _carries,
-    "sight": _searches,
-    "drawer": _drawers,
-    "insert": _insertions,
-    "meeting": _meetings,
-}
-
-
-# ---------------------------------------------------------------- faults
 
 
 def _too_heavy(task: Task, dice: Dice) -> tuple[str, ...]:
@@ -516,7 +250,7 @@ def _unwritten(task: Task, dice: Dice) -> tuple[str, ...]:
         ]
     )
     task.ports(skill)[port] = "{where}"
-    written = {"set": {"key": "where", "value": {"xyz": [*task.goal], "rpy": [*_DOWN]}}}
+    written = {"set": {"key": "where", "value": {"xyz": [*task.goal], "rpy": [*DOWN]}}}
     task.leaves.insert(0, {"selector": [{"succeed": {}}, written]})
     return ("where",)
 
@@ -586,7 +320,7 @@ def _arm_in_path(task: Task, dice: Dice) -> tuple[str, ...]:
     """Another arm reaches to the goal first, and stays there."""
     x, y, z = task.goal
     side = np.arctan2(y, x)
-    pose = {"xyz": [round(v, 3) for v in (x, y, max(z, 0.15))], "rpy": [*_DOWN]}
+    pose = {"xyz": [round(v, 3) for v in (x, y, max(z, 0.15))], "rpy": [*DOWN]}
     blocker: list[Tree] = [
         {"reach_to_pose": {"to": pose, "speed": 1.0}},
         {"wait": {"seconds": 300}},

@@ -1,0 +1,453 @@
+"""Random tasks that succeed, and what may happen to them.
+
+    python -m benchmarks.random_tasks {halts,faults} [--tasks 60] [--seed 0]
+
+Picks, paths, searches by sight, tracking, handovers and carries of two arms, drawers, insertions,
+and arms that share a zone and meet, with random robots, objects, places and realities.
+
+``halts``: each leaf is halted once or twice after a random time, and then started again. All tasks
+still have to succeed, with everything where it belongs.
+
+``faults``: one random fault of hardware or world at a random time. A task may fail then, but must
+not claim a success that is none. What is moved after an arm has placed it, no sensor shows: such
+false successes are printed with their fault.
+
+Prints a line for each task, and the counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+import bt_dualarm
+from benchmarks.campaign import Campaign, add_options
+from benchmarks.random_programs import Dice
+from benchmarks.why_mistake import Tree, box, shipped
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.sweeps.calls import SKIPPED
+
+_REACH: Final[Mapping[str, float]] = {
+    "ur3e": 0.50,
+    "ur5": 0.85,
+    "ur5e": 0.85,
+    "ur10": 1.30,
+    "ur10e": 1.30,
+    "panda": 0.80,
+    "fr3": 0.80,
+    "xarm7": 0.70,
+}
+"""Robots of the family, and how far from its base each can grasp from above, m."""
+
+DOWN: Final = (180, 0, 0)
+
+
+@dataclass
+class Task:
+    """A tree that succeeds, and what a fault may change in it.
+
+    Attributes:
+        tree: The tree.
+        leaves: Leaves of the arm that fails, in order, each a mapping from the name of its skill.
+        arm: Name of that arm.
+        partner: Name of the other arm; empty if there is none.
+        object: Name of the object that it works with; empty if there is none.
+        goal: Where the object or the tool is to be at the end, m.
+        reach: How far from the base the arm can grasp, m.
+        duration: Longest simulated time of a run, s.
+        goals: Goals of the file, which a referee judges.
+    """
+
+    tree: Tree
+    leaves: list[Tree]
+    arm: str = "arm1"
+    partner: str = ""
+    object: str = ""
+    goal: Sequence[float] = (0.0, 0.0, 0.0)
+    reach: float = 0.8
+    duration: float = 40.0
+    goals: Tree = field(default_factory=dict)
+
+    def ports(self, skill: str) -> Tree:
+        """Ports of the first leaf of a skill."""
+        return next(leaf[skill] for leaf in self.leaves if skill in leaf)
+
+    def index(self, skill: str) -> int:
+        """Position of the first leaf of a skill."""
+        return next(i for i, leaf in enumerate(self.leaves) if skill in leaf)
+
+    def has(self, skill: str) -> bool:
+        """Whether the failing arm has a leaf of a skill."""
+        return any(skill in leaf for leaf in self.leaves)
+
+    def finish(self) -> Tree:
+        """The tree with its leaves."""
+        self.tree["arms"][self.arm]["tree"] = {"sequence": self.leaves}
+        return self.tree
+
+    def add_arm(self, name: str, robot: str, xyz: Sequence[float], *leaves: Tree) -> None:
+        """Add an arm with a sequence of leaves."""
+        base = {"xyz": [*xyz]}
+        self.tree["arms"][name] = {"robot": robot, "base": base, "tree": {"sequence": [*leaves]}}
+
+
+def _file(dice: Dice, objects: Tree, arms: Tree) -> Tree:
+    world = {"scene": "empty", "reality": dice.one(["ideal", "lab", "rough"])}
+    return {"bt_dualarm": 1, "name": "generated", "world": world, "objects": objects, "arms": arms}
+
+
+def _around(radius: float, angle: float, z: float) -> list[float]:
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    return [round(float(x), 3), round(float(y), 3), round(z, 4)]
+
+
+def _stand(at: Sequence[float], size: float = 0.12) -> Tree:
+    """A fixed stand below a position."""
+    height = round(at[2], 4)
+    return box((size, size, height), (at[0], at[1], round(height / 2, 4)))
+
+
+def _stands(name: str, at: Sequence[float], within: float = 0.01) -> Tree:
+    """A goal: an object stands at a position, and nobody holds it."""
+    return {name: {"object": name, "at": {"xyz": [*at]}, "within": within, "held": False}}
+
+
+def _picks(dice: Dice) -> Task:
+    """An arm picks a box or a cylinder from a stand, and places it on another one."""
+    robot = dice.one(list(_REACH))
+    reach = _REACH[robot]
+    angle = dice.number(-1.2, 1.2)
+    width = dice.number(0.03, 0.05)
+    height = dice.number(0.04, 0.08)
+    top = dice.number(0.15, 0.3)
+    begin = _around(dice.number(0.6, 0.75) * reach, angle, top)
+    goal = _around(dice.number(0.6, 0.75) * reach, angle + dice.number(0.6, 1.2), top)
+    upright = dice.one(["box", "cylinder"])
+    size = [width, width, height] if upright == "box" else [width / 2, height]
+    name = dice.one(["part", "can", "brick", "workpiece"])
+    mass = dice.number(0.1, 0.4)
+    lifted = round(top + height / 2 + 0.0005, 4)
+    thing = {"shape": upright, "size": size, "mass": mass, "color": dice.one(["red", "blue"])}
+    thing["pose"] = {"xyz": [*begin[:2], lifted]}
+    objects = {"from": _stand(begin), "onto": _stand(goal), name: thing}
+    place = [*goal[:2], lifted]
+    above = [*goal[:2], lifted + 0.12]
+    gripper = "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
+    arm = {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0]}}
+    tree = _file(dice, objects, {"arm1": arm})
+    leaves: list[Tree] = [
+        {"grasp": {"object": name}},
+        {"transport": {"object": name, "to": {"xyz": above}}},
+        {"place": {"object": name, "at": {"xyz": place}}},
+        {"go_home": {}},
+    ]
+    goals = _stands(name, place)
+    return Task(tree, leaves, object=name, goal=place, reach=reach, goals=goals)
+
+
+def _paths(dice: Dice) -> Task:
+    """An arm moves to a pose and along a curve."""
+    robot = dice.one(list(_REACH))
+    reach = _REACH[robot]
+    angle = dice.number(-1.2, 1.2)
+    goal = _around(dice.number(0.55, 0.7) * reach, angle, dice.number(0.4, 0.6) * reach)
+    plane = dice.one(["xy", "xz", "yz"])
+    curve = dice.one(
+        [
+            {"circle": {"plane": plane, "radius": dice.number(0.03, 0.07)}},
+            {"lissajous": {"plane": plane, "amplitudes": [0.06, 0.04], "frequencies": [1, 2]}},
+            {"move_linear": {"offset": {"xyz": [0, 0, 0.1], "frame": "world"}}},
+        ]
+    )
+    pose = {"xyz": goal, "rpy": [*DOWN]}
+    arm = {"robot": robot, "base": {"xyz": [0, 0, 0]}}
+    leaves: list[Tree] = [{"reach_to_pose": {"to": pose}}, curve, {"go_home": {}}]
+    return Task(_file(dice, {}, {"arm1": arm}), leaves, goal=goal, reach=reach, duration=30.0)
+
+
+def _tracks(dice: Dice) -> Task:
+    """A Panda follows the cube that another arm moves."""
+    tree = shipped("visual_tracking")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    color = dice.one(["yellow", "green", "red"])
+    tree["objects"]["cube"]["color"] = color
+    leader = tree["arms"]["arm1"]["tree"]["sequence"]
+    leader[2] = dice.one(
+        [
+            {"circle": {"plane": "yz", "radius": dice.number(0.06, 0.1), "turns": 2, "speed": 0.4}},
+            {
+                "lissajous": {
+                    "plane": "yz",
+                    "amplitudes": [0.08, 0.06],
+                    "frequencies": [1, 2],
+                    "speed": 0.3,
+                }
+            },
+        ]
+    )
+    track = tree["arms"]["arm2"]["tree"]["track"]
+    track |= {"color": color, "lost_timeout": 2.0}
+    leaves = [{"track": track}]
+    return Task(tree, leaves, arm="arm2", partner="arm1", object="cube", goal=(0.68, 0.11, 0.70))
+
+
+def _handovers(dice: Dice) -> Task:
+    """An arm takes a bar and hands it to another one."""
+    tree = shipped("handover")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    giver = dice.one(["ur5", "ur5e", "fr3", "panda"])
+    taker = dice.one(["panda", "fr3", "xarm7", "ur5e"])
+    for name, robot in (("arm1", giver), ("arm2", taker)):
+        tree["arms"][name]["robot"] = robot
+        tree["arms"][name]["gripper"] = (
+            "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
+        )
+    leaves: list[Tree] = [
+        {"grasp": {"object": "bar"}},
+        {"hand_over": {"object": "bar", "to": "arm2"}},
+        {"go_home": {}},
+    ]
+    tree["arms"]["arm2"]["tree"] = {
+        "sequence": [{"take_over": {"object": "bar", "from": "arm1"}}, {"go_home": {}}]
+    }
+    goals = {"taken": {"object": "bar", "held_by": "arm2"}}
+    return Task(
+        tree,
+        leaves,
+        partner="arm2",
+        object="bar",
+        goal=(0.5, 0, 0.4),
+        duration=60.0,
+        goals=goals,
+    )
+
+
+def _carries(dice: Dice) -> Task:
+    """Two arms carry a beam."""
+    tree = shipped("carry_together")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    tree["objects"]["beam"]["mass"] = dice.number(1.5, 4.0, 1)
+    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
+    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
+    return Task(tree, leaves, partner="arm2", object="beam", goal=(0.03, -0.4, 0.53), duration=60.0)
+
+
+def _searches(dice: Dice) -> Task:
+    """An arm looks for a cube and picks it."""
+    tree = shipped("pick_by_sight")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    robot = dice.one(["panda", "fr3", "ur5e", "xarm7"])
+    tree["arms"]["arm1"]["robot"] = robot
+    if robot in ("ur5e", "xarm7"):
+        tree["arms"]["arm1"]["gripper"] = "robotiq_2f85"
+    at = [dice.number(0.25, 0.45), dice.number(-0.55, -0.42), 0.425]
+    tree["objects"]["cube"] |= {"pose": {"xyz": at}, "noise": {}}
+    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
+    for i, leaf in enumerate(leaves):
+        if "retry" in leaf:
+            leaves[i] = leaf["retry"]["child"]
+    goals = _stands("cube", (0.20, -0.40, 0.425))
+    return Task(tree, leaves, object="cube", goal=at, duration=60.0, goals=goals)
+
+
+def _drawers(dice: Dice) -> Task:
+    """An arm opens a drawer and puts a cube into it."""
+    tree = shipped("drawer")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
+    goals = tree.pop("goal")
+    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
+    return Task(tree, leaves, object="cube", goal=(0.45, -0.42, 0.5), duration=60.0, goals=goals)
+
+
+def _insertions(dice: Dice) -> Task:
+    """An arm inserts a peg into a hole."""
+    tree = shipped("peg_in_hole")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
+    leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
+    at = (0.30, -0.48, 0.44)
+    goals = _stands("peg", at, within=0.004)
+    return Task(tree, leaves, object="peg", goal=at, duration=150.0, goals=goals)
+
+
+def _meetings(dice: Dice) -> Task:
+    """Two arms put their cubes on one tray, one at a time, and then meet."""
+    tree = shipped("shared_bin")
+    tree["world"]["reality"] = dice.one(["ideal", "lab"])
+    del tree["arms"]["arm3"], tree["objects"]["blue"], tree["objects"]["shelf3"]
+    tree["cell"]["rendezvous"]["all_placed"] = ["arm1", "arm2"]
+    tree.pop("subtrees")
+
+    def fill(cube: str, spot: list[float]) -> list[Tree]:
+        place = [{"place": {"object": cube, "at": {"xyz": spot}}}, {"go_home": {}}]
+        return [
+            {"grasp": {"object": cube}},
+            {"claim": {"zone": "tray", "child": {"sequence": place}}},
+            {"meet": "all_placed"},
+            {"go_home": {}},
+        ]
+
+    leaves = fill("red", [0.40, 0.05, 0.24])
+    tree["arms"]["arm2"]["tree"] = {"sequence": fill("green", [0.58, 0.05, 0.24])}
+    at = (0.4, 0.05, 0.24)
+    goals = _stands("red", at, 0.012) | _stands("green", (0.58, 0.05, 0.24), 0.012)
+    return Task(tree, leaves, partner="arm2", object="red", goal=at, duration=60.0, goals=goals)
+
+
+TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
+    "pick": _picks,
+    "path": _paths,
+    "track": _tracks,
+    "handover": _handovers,
+    "carry": _carries,
+    "sight": _searches,
+    "drawer": _drawers,
+    "insert": _insertions,
+    "meeting": _meetings,
+}
+
+
+# What may happen to them: halts and faults.
+
+
+def halted(task: Task, dice: Dice) -> None:
+    """Halt each leaf once or twice after a random time, and start it again."""
+    is_joint = any(task.has(skill) for skill in ("hand_over", "carry_together"))
+    for i, given in enumerate(task.leaves):
+        leaf = {given: {}} if isinstance(given, str) else given
+        if set(leaf) & {"meet", "claim"}:
+            continue
+        halts = [
+            {"timeout": {"seconds": dice.number(0.05, 3.0, 2), "child": leaf}}
+            for _ in range(dice.count(1, 2))
+        ]
+        # The partner may still be giving up what was halted.
+        last = {"retry": {"times": 2, "child": leaf}} if is_joint else leaf
+        task.leaves[i] = {"selector": [*halts, last]}
+    for name, arm in task.tree["arms"].items():
+        if is_joint and name != task.arm:
+            arm["tree"] = {
+                "sequence": [
+                    {"retry": {"times": 6, "child": leaf}} for leaf in arm["tree"]["sequence"]
+                ]
+            }
+
+
+JOINT_FAULTS: Final = (
+    "weak_joint",
+    "frozen_joint",
+    "saturated_drive",
+    "loose_joint",
+    "stuck_encoder",
+)
+CAMERA_FAULTS: Final = ("frozen_camera", "dark_camera", "late_camera", "shaking_camera")
+OBJECT_FAULTS: Final = ("pushed_object", "removed_object", "reduced_friction", "swapped_object")
+
+
+def disturbed(task: Task, dice: Dice) -> None:
+    """Add one random fault of hardware or world."""
+    tree = task.tree
+    arm = dice.one(list(tree["arms"]))
+    objects = [name for name, one in tree["objects"].items() if not one.get("fixed")]
+    kinds = [*JOINT_FAULTS, *(CAMERA_FAULTS if "camera" in tree["arms"][arm] else ())]
+    kind = dice.one([*kinds, *(OBJECT_FAULTS if objects else ())])
+    begin = dice.number(0.2, 9, 2)
+    fault: Tree = {"kind": kind, "begin": f"{begin} s"}
+    if dice.happens(0.6) or kind == "pushed_object":
+        fault["until"] = f"{begin + dice.number(0.1, 2.0, 2):.2f} s"
+    if kind in JOINT_FAULTS:
+        robot = load_robot(tree["arms"][arm]["robot"])
+        fault |= {"arm": arm, "joint": dice.one(robot.joints)}
+        of_joint: Tree = {
+            "weak_joint": {"strength": dice.number(0.02, 0.6, 2)},
+            "saturated_drive": {"limit": dice.number(0.02, 0.5, 2)},
+            "loose_joint": {"play": f"{dice.number(0.1, 3, 1)} deg"},
+        }
+        fault |= of_joint.get(kind, {})
+    elif kind in CAMERA_FAULTS:
+        fault["arm"] = arm
+    else:
+        fault["object"] = dice.one(objects)
+        others = [name for name in objects if name != fault["object"]]
+        if kind == "swapped_object" and not others:
+            fault["kind"] = "removed_object"
+        of_object: Tree = {
+            "pushed_object": {"force": [dice.number(-6, 6, 1) for _ in range(2)] + [0]},
+            "reduced_friction": {"friction": dice.number(0.02, 0.3, 2)},
+            "swapped_object": {"other": others[0]} if others else {},
+        }
+        fault |= of_object.get(kind, {})
+    tree["faults"] = {"fault": fault}
+
+
+CHANGES: Final[Mapping[str, Callable[[Task, Dice], None]]] = {
+    "halts": halted,
+    "faults": disturbed,
+}
+
+
+def evaluate(change: str, number: int, seed: int) -> dict[str, Any]:
+    """Run a task that was changed, and judge it."""
+    dice = Dice(100_000 * seed + number)
+    name = dice.one(list(TASKS))
+    task = TASKS[name](dice)
+    robots = "+".join(str(arm["robot"]) for arm in task.tree["arms"].values())
+    what = f"{number} {name} {robots} {task.tree['world']['reality']}"
+    CHANGES[change](task, dice)
+    tree = copy.deepcopy(task.finish())
+    tree["goal"] = task.goals or None
+    tree = {key: value for key, value in tree.items() if value}
+    tree["world"]["time_limit"] = 240
+    try:
+        result = bt_dualarm.run(tree)
+    except DualArmError as error:
+        return {"outcome": SKIPPED, "line": f"--  {what}: {' '.join(str(error).split())[:150]}"}
+    is_false = result.outcome == "SUCCESS" and bool(task.goals) and not result.goals_met
+    is_good = result.outcome == "SUCCESS" and not is_false and result.at_rest
+    if change == "faults":
+        what += f" {tree['faults']['fault']}"
+        is_good = not is_false
+    failed = [
+        f"{arm}: {leaf.path}: {leaf.code}: {leaf.reason}"
+        for arm, one in result.arms.items()
+        for leaf in one.runs
+        if leaf.status == "FAILURE"
+    ]
+    missed = [goal.reason for goal in result.goals.values() if not goal.met]
+    why = "" if is_good else "; ".join([*failed[-2:], *missed])
+    line = f"{'yes' if is_good else 'NO '} {what}: {result.outcome} {why}".rstrip()
+    code = "FALSE_SUCCESS" if is_false else "" if is_good else "FAILED"
+    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": code, "line": line}
+
+
+def main() -> None:
+    """Run the tasks and print the counts."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("change", choices=list(CHANGES))
+    parser.add_argument("--tasks", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    add_options(parser)
+    options = parser.parse_args()
+    good = counted = 0
+    with Campaign(options) as campaign:
+        cases = [
+            {"change": options.change, "number": number, "seed": options.seed}
+            for number in range(options.tasks)
+        ]
+        for _, found in campaign.run(evaluate, cases):
+            good += found["outcome"] == "SUCCESS"
+            counted += found["outcome"] != SKIPPED
+            print(found["line"], flush=True)
+    what = {"halts": "succeeded", "faults": "claimed no success that was none"}[options.change]
+    print(f"{good} of {counted} tasks {what}")
+
+
+if __name__ == "__main__":
+    main()
