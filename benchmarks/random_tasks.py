@@ -42,6 +42,8 @@ _REACH: Final[Mapping[str, float]] = {
     "panda": 0.80,
     "fr3": 0.80,
     "xarm7": 0.70,
+    "jaco2": 0.65,
+    "tiago": 0.75,
 }
 """Robots of the family, and how far from its base each can grasp from above, m."""
 

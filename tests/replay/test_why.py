@@ -130,7 +130,7 @@ PLANTED = (
     ("sight", "removed by another arm", 0),
     ("sight", "the wrong place", 4),
     ("handover", "a partner that is removed", 0),
-    ("pick", "too heavy", 1),
+    ("pick", "too heavy", 21),
 )
 """Generated mistakes that were not named first: task, fault, seed."""
 
