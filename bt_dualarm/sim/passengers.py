@@ -18,6 +18,10 @@ _FALLS_M: Final = 0.03
 """Largest gap between an object that touches nothing and one that may be lifted, on which it is
 about to fall, m: objects are often declared slightly above what they will stand on."""
 
+_INSIDE_M: Final = 1e-4
+"""Height above the bottom of an object from which the gap below it is measured, m: less than the
+thinnest wall, and more than the rounding of poses."""
+
 _DOWN: Final = np.array((0.0, 0.0, -1.0))
 
 _BEARS: Final = 0.3
@@ -247,10 +251,15 @@ class _Touching:
         down = pose.inverse.turn(_DOWN)
         height = shape.solid.reach(down) - float(down @ shape.center)
         geom = np.full(1, -1, dtype=np.int32)
-        start = pose.apply(shape.center)
-        gap = mujoco.mj_ray(model, self._data, start, _DOWN, None, 1, body, geom) - height
-        is_near = geom[0] >= 0 and gap <= _FALLS_M
-        return int(model.body_rootid[model.geom_bodyid[geom[0]]]) if is_near else -1
+        # From its bottom, as a container does not fall onto what is in it.
+        start = pose.apply(shape.center) + (height - _INSIDE_M) * _DOWN
+        gap = mujoco.mj_ray(model, self._data, start, _DOWN, None, 1, body, geom) - _INSIDE_M
+        below = int(geom[0])
+        if below < 0 or gap > _FALLS_M:
+            return -1
+        # What is hit upward, too, goes through it, such as the peg in a ring.
+        mujoco.mj_ray(model, self._data, start, -_DOWN, None, 1, body, geom)
+        return -1 if int(geom[0]) == below else int(model.body_rootid[model.geom_bodyid[below]])
 
     def _with_touching(self, seeds: set[int]) -> set[int]:
         """Bodies with all that touch them, directly or through each other."""

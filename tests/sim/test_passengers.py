@@ -85,6 +85,19 @@ def test_object_in_the_air_above_it_is_no_passenger() -> None:
     assert riders(world) == set()
 
 
+@pytest.mark.parametrize(("shape", "size"), [("bin", (0.2, 0.2, 0.1)), ("tube", (0.05, 0.1))])
+def test_container_is_no_passenger_of_what_is_in_it(shape: str, size: tuple[float, ...]) -> None:
+    """At the start of a run, neither touches anything: the bin counted as falling onto the cube."""
+    pose = PoseSpec(xyz=(0.5, 0.0, TOP + 0.05 + 1e-6))
+    container = ObjectSpec.model_validate(
+        {"shape": shape, "size": size, "wall": 0.01, "mass": 1.0, "pose": pose}
+    )
+    floor = TOP + (0.011 if shape == "bin" else 0.001)
+    world = settled({"container": container, "cube": box((0.5, 0.0, floor + 0.02), 0.04)}, 0)
+    assert riders(world, "cube") == set()
+    assert world.loaded_mass("cube") == pytest.approx(0.1)
+
+
 def test_bouncing_passenger_is_kept_and_fallen_one_lost() -> None:
     world = settled({"tray": tray(), "cube": box((0.45, 0.0, FLOOR + 0.02), 0.04)})
     world.attach("arm1", "tray")
