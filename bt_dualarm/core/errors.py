@@ -10,6 +10,12 @@ Number: TypeAlias = float | int | bool | str
 """Type of a failure's numbers: JSON scalars only."""
 
 
+KINEMATIC_CODES: Final = frozenset(
+    {"INVALID_TARGET", "UNREACHABLE", "PATH_BROKEN", "SINGULAR", "JOINT_LIMIT"}
+)
+"""Failure codes of poses and paths that an arm cannot take even if nothing else is there."""
+
+
 def rounded_down(most: float, digits: int = 3) -> float:
     """The largest number of some digits up to an upper bound above 0.
 

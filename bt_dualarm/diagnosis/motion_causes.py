@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.errors import KINEMATIC_CODES, DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.joint_causes import MovedJoint
@@ -108,7 +108,7 @@ def held_still_causes(e: Evidence) -> Iterator[Cause]:
             for leaf in running
             if leaf.kind == "hold_still" and leaf.ports.get("partner") == e.arm
         ]
-        if not holding:
+        if not holding and e.code not in KINEMATIC_CODES:
             sentence = (
                 f"{holder}, which holds {into}, was not in hold_still with partner: {e.arm}"
                 f"{_running(e, holder, e.ended)}"

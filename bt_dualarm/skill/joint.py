@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.collision.distance import HANDS_APART_M, HANDS_M
-from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.errors import KINEMATIC_CODES, Failure
 from bt_dualarm.skill.cell import Appointment
 from bt_dualarm.skill.making_room import ASIDES, WaitingPlace
 from bt_dualarm.skill.skill import SkillContext
@@ -213,7 +213,7 @@ def into_held(arm: Arm, obj: str | None) -> Iterator[None]:
             for holder in holders:
                 if holder not in attachments.holders(str(obj)):
                     failure.adding(f"{holder} no longer holds {obj}")
-                elif holder not in consenting:
+                elif holder not in consenting and failure.code not in KINEMATIC_CODES:
                     failure.adding(
                         f"{holder} holds {obj}, but not in hold_still with partner: {arm.name}"
                     )

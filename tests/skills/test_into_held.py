@@ -62,8 +62,12 @@ def test_failure_names_the_arm_that_does_not_hold_still(
     assert "hold_still: {partner: comer} in the tree of holder" in story.causes[0].remedy
 
 
-def test_arm_that_holds_still_is_not_blamed(tmp_path: Path) -> None:
-    holding = "{hold_still: {partner: comer, duration: 2.0}}"
+@pytest.mark.parametrize("partner", ["partner: comer, ", ""])
+def test_arm_that_holds_an_object_is_not_blamed_for_a_goal_out_of_reach(
+    partner: str, tmp_path: Path
+) -> None:
+    """The distance that plans keep from it changes nothing there: it was named all the same."""
+    holding = f"{{hold_still: {{{partner}duration: 2.0}}}}"
     far = [3, 0, 0]
     record = recorded(tmp_path, FILE.format(holding=holding, offset=far))
     [story] = [one for one in stories(record) if one.arm == "comer"]
