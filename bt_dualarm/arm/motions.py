@@ -514,11 +514,9 @@ class ArmMotions(ArmState):
                 self._lease.give_back()  # the next leaf need not wait for the last oscillation
                 return
             if late and passed > self.controller.breakaway_s(SETTLED_RAD):
-                raise Failure(
-                    "TRACKING_ERROR",
-                    f"the arm does not come to rest at its goal: {np.degrees(error):.2f}° away",
-                    joint_error_rad=error,
-                )
+                reason = f"the arm does not come to rest at its goal: {np.degrees(error):.2f}° away"
+                failure = Failure("TRACKING_ERROR", reason, joint_error_rad=error)
+                raise self.controller.naming_efforts(failure)
             yield 1.0
 
     def relax(self, *, stays_compliant: bool = False) -> Iterator[float]:

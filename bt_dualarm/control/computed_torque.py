@@ -52,7 +52,7 @@ from bt_dualarm.control.kernel_rows import (
     V,
 )
 from bt_dualarm.control.payload_estimation import PayloadEstimator
-from bt_dualarm.core.errors import DivergenceError, ForceLimitFailure
+from bt_dualarm.core.errors import DivergenceError, Failure, ForceLimitFailure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.chain_kernel_arrays import LIMITS, LINK, ROTOR, links_of
 from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
@@ -252,6 +252,15 @@ class ComputedTorque:
             )
         hardware.note_command(self._torque.copy())
         return sent
+
+    def naming_efforts(self, failure: Failure) -> Failure:
+        """Returns a failure to follow, with the joints that apply their whole effort at last."""
+        robot = self._nominal.robot
+        effort = robot.limits.effort
+        for joint in np.flatnonzero(np.abs(self._torque) >= effort * (1.0 - 1e-9)).tolist():
+            failure.adding(f"{robot.joints[joint]} applies its whole {effort[joint]:.3g} N m")
+            failure.noting(at_effort_limit=robot.joints[joint])
+        return failure
 
     def _call(self, flags: int) -> int:
         return self._follow(

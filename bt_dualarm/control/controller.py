@@ -148,6 +148,10 @@ class JointController:
         """Number of periods in which torques were scaled down to the effort limits."""
         return self._torque.saturated
 
+    def naming_efforts(self, failure: Failure) -> Failure:
+        """Returns a failure to follow, with the joints that apply their whole effort."""
+        return self._torque.naming_efforts(failure)
+
     @property
     def guard(self) -> Mapping[str, Number]:
         """Report of the guard so far, see `GuardReport`."""
@@ -386,7 +390,8 @@ class JointController:
         if self._motion is None:
             return
         if position_error > MAX_POSITION_ERROR and self.fault is None:
-            self.fault = tracking_failure(self._robot, self.setpoint.q - self._hardware.q)
+            failure = tracking_failure(self._robot, self.setpoint.q - self._hardware.q)
+            self.fault = self.naming_efforts(failure)
             if isinstance(self._motion, CoupledSource):
                 self.stop()
             else:

@@ -173,6 +173,10 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
         mass = sum(float(objects[name]["mass"]) for name in held if name in objects)
         sentence = f"{e.arm} is too weak for the {mass:g} kg that it holds: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a slower motion")
+    elif "at_effort_limit" in e.numbers:
+        weak = e.numbers["at_effort_limit"]
+        sentence = f"{weak} of {e.arm} has too little effort for this posture: {e.reason}"
+        yield e.cause("OVERLOADED", sentence, "a posture nearer to the base, or a lighter gripper")
 
 
 def _beyond_payload(e: Evidence) -> Iterator[Cause]:
