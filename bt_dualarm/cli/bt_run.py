@@ -159,7 +159,13 @@ def _seconds(text: str) -> float:
 
 
 def _budget(text: str) -> float:
-    return math.inf if text.strip() in ("0", "off") else _seconds(text)
+    if text.strip() == "off":
+        return math.inf
+    try:
+        return math.inf if float(text) == 0.0 else _seconds(text)
+    except (ValueError, argparse.ArgumentTypeError):
+        message = f"{text!r} is not a number of seconds above 0, nor 0 for no limit"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 _REPLACED = ("seed", "duration", "renderer", "reality")

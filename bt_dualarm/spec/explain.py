@@ -35,7 +35,7 @@ from bt_dualarm.spec.node_types import (
     unit_of,
     validated,
 )
-from bt_dualarm.spec.problems import meant_by, nearest, suggestion
+from bt_dualarm.spec.problems import is_name, meant_by, nearest, suggestion
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json
 
@@ -80,6 +80,24 @@ def names_of(model: type[BaseModel]) -> list[str]:
     """Returns the names that may be written instead of a model's fields."""
     forms: list[Json] = model.model_json_schema().get("anyOf", [])
     return [name for form in forms for name in form.get("enum", [])]
+
+
+def _names_instead(annotation: object) -> list[str] | None:
+    """Names that may be written for a value of a type, None if it may be any text."""
+    if annotation is str:
+        return None
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return names_of(annotation)
+    if get_origin(annotation) is Literal:
+        return [choice for choice in get_args(annotation) if isinstance(choice, str)]
+    names: list[str] = []
+    if get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            found = _names_instead(member)
+            if found is None:
+                return None
+            names += found
+    return names
 
 
 def _may_be_a_number(model: type[BaseModel]) -> bool:
@@ -342,6 +360,9 @@ _COUNTED: Final = {
     "string_too_long": ("most", "max_length", "character"),
     "string_too_short": ("least", "min_length", "character"),
 }
+_COMPONENTS: Final = {"xyz": ("x", "y", "z"), "rpy": ("roll", "pitch", "yaw")}
+"""Names of the components of vectors in other formats, by the name of the vector."""
+
 _NAME_RULE: Final = "a name begins with a letter and has at most 48 letters, digits, _ and -"
 
 
@@ -384,18 +405,21 @@ def explain(
     for details in error.errors(include_url=False):
         by_path.setdefault(path_in(data, details["loc"]), []).append(details)
     # A required name that is misspelled is not reported as missing as well.
-    misspelled = {
-        (path[:-1], explainer.meant(details["loc"]))
+    unknown = [
+        (path[:-1], details["loc"])
         for path, found in by_path.items()
         for details in found
         if details["type"] == "extra_forbidden"
-    }
+    ]
+    misspelled = {(parent, explainer.meant(location)) for parent, location in unknown}
+    misplaced = {parent for parent, location in unknown if explainer.is_outside(location)}
     for path, found in by_path.items():
         deeper = any(other != path and other[: len(path)] == path for other in by_path)
         there = [
             details
             for details in found
-            if details["type"] != "missing" or (path, details["loc"][-1]) not in misspelled
+            if details["type"] != "missing"
+            or (path not in misplaced and (path, details["loc"][-1]) not in misspelled)
         ]
         yield from explainer.at(path, there, deeper=deeper)
 
@@ -424,7 +448,7 @@ class _Explainer:
             if details["type"] == "missing":
                 yield self._missing(path, details["loc"])
             elif details["type"] == "extra_forbidden":
-                yield self._unknown(path, details["loc"])
+                yield from self._unknown(path, details["loc"])
             elif details["loc"] and details["loc"][-1] == "[key]":
                 yield Finding(path, f"'{path[-1]}' cannot be a name", _NAME_RULE, at_key=True)
             elif not is_unknown(details["input"]):
@@ -438,20 +462,47 @@ class _Explainer:
         name, valid = str(location[-1]), self._valid(location)
         return meant_by(name, valid) or nearest(name, valid)
 
+    def is_outside(self, location: Location) -> bool:
+        """Whether an unknown name within a port is that of another port."""
+        is_port = self.noun == "port" and location[-1] in self.model.model_fields
+        return is_port and len(location) > 1
+
     def _valid(self, location: Location) -> frozenset[str]:
         """Returns the names that are valid instead of an unknown one."""
         models = models_in(type_at(self.model, location[:-1]))
         names = frozenset(name for model in models for name in model.model_fields)
         return names | self.also if len(location) == 1 else names
 
-    def _unknown(self, path: DataPath, location: Location) -> Finding:
+    def _unknown(self, path: DataPath, location: Location) -> Iterator[Finding]:
         top = len(location) == 1
         noun = self.noun if top else "field"
         name = str(location[-1])
         valid = self._valid(location)
+        beside = self._at(path[:-1])
+        for vector, parts in _COMPONENTS.items():
+            given = [part for part in beside if part in parts]
+            if name in given and vector in valid and vector not in beside:
+                if name == given[0]:  # one mistake, one error
+                    numbers = [beside.get(part, 0) for part in parts]
+                    is_known = all(isinstance(one, (int, float)) for one in numbers)
+                    values = ", ".join(f"{one:g}" if is_known else "…" for one in numbers)
+                    names = ", ".join(f"'{part}'" for part in given)
+                    message = f"unknown {noun}{'s' * (len(given) > 1)} {names}"
+                    yield Finding(path, message, f"{vector}: [{values}]", at_key=True)
+                return
         within = self._within(name) if top and not meant_by(name, valid) else ""
-        hint = within or suggestion(name, valid, noun)
-        return Finding(path, f"unknown {noun} '{name}'", hint, at_key=True)
+        hint = within or self._outside(name, location) or suggestion(name, valid, noun)
+        value = self._at(path)
+        has_four = isinstance(value, (list, tuple, dict)) and len(value) == 4
+        if has_four and "quat" in valid and meant_by(name, valid):  # other systems begin with x
+            hint = "here it is 'quat': [w, x, y, z]"
+        yield Finding(path, f"unknown {noun} '{name}'", hint, at_key=True)
+
+    def _outside(self, name: str, location: Location) -> str:
+        """Returns a hint for a port that was written within another one."""
+        if not self.is_outside(location):
+            return ""
+        return f"'{name}' is a port of its own, not within '{location[0]}'"
 
     def _within(self, name: str) -> str:
         """Returns a hint with the field to whose value a misplaced name belongs."""
@@ -475,9 +526,7 @@ class _Explainer:
         return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
 
     def _too_few(self, location: Location) -> str:
-        given = self.data
-        for part in path_in(self.data, location):
-            given = given[part]
+        given = self._at(path_in(self.data, location))
         return f"expected {fixed_length(type_at(self.model, location))} items, not {len(given)}"
 
     def _value(self, path: DataPath, found: Sequence[ErrorDetails]) -> Finding:
@@ -488,9 +537,37 @@ class _Explainer:
             wanted = [self._expectation(details) for details in found]
             message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {in_words(given)}"
             hint = self._nearest_choice(found)
-        hint = hint or (_reference_hint(given) if path else "") or self._bare_number(found)
-        hint = hint or self._forms(found)
+        hint = self._bare(path, found) or hint or (_reference_hint(given) if path else "")
+        hint = hint or self._bare_number(found) or self._forms(path, found)
         return Finding(path, _owned(path, message), hint)
+
+    def _type_of(self, path: DataPath, location: Location) -> object:
+        """Returns the type of the value at a path that a location passes through."""
+        ends = (
+            end for end in range(len(location) + 1) if path_in(self.data, location[:end]) == path
+        )
+        return type_at(self.model, location[: next(ends, len(location))])
+
+    def _bare(self, path: DataPath, found: Sequence[ErrorDetails]) -> str:
+        """Returns a hint with the name that is the only item of a list where none is expected."""
+        given = found[0]["input"]
+        if path and path[-1] == 0 and isinstance(given, str):  # the list may be one of others
+            path = path[:-1]
+            given = [given] * len(self._at(path))
+        if not isinstance(given, (list, tuple)) or len(given) != 1:
+            return ""
+        for details in found:
+            names = _names_instead(self._type_of(path, details["loc"]))
+            name = given[0]
+            if isinstance(name, str) and (is_name(name) if names is None else name in names):
+                return f"without brackets: {name}"
+        return ""
+
+    def _at(self, path: DataPath) -> Data:
+        given = self.data
+        for part in path:
+            given = given[part]
+        return given
 
     def _bare_number(self, found: Sequence[ErrorDetails]) -> str:
         """Returns a hint with the number or list that a text stands for."""
@@ -506,7 +583,7 @@ class _Explainer:
                 return bare(given, unit_of(field))
         return ""
 
-    def _forms(self, found: Sequence[ErrorDetails]) -> str:
+    def _forms(self, path: DataPath, found: Sequence[ErrorDetails]) -> str:
         """Returns a hint with the notations allowed instead of a mapping."""
         for details in found:
             if details["type"] == "model_type":
@@ -514,7 +591,8 @@ class _Explainer:
                 for model in models:
                     if meant := mapping_of(details["input"], model):
                         return meant
-                names = [f"'{name}'" for model in models for name in names_of(model)]
+                named = _names_instead(self._type_of(path, details["loc"]))
+                names = ["a name"] if named is None else [f"'{name}'" for name in named]
                 names += ["a number"] * any(map(_may_be_a_number, models))
                 fields = [f"a mapping of {', '.join(model.model_fields)}" for model in models]
                 if models:

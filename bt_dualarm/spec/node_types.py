@@ -524,16 +524,23 @@ def list_of(text: str) -> str:
 
 
 def mapping_of(given: Data, model: type[BaseModel]) -> str:
-    """Returns a hint with the mapping whose required field is a bare list, ``[0.4, 0, 0.5]``.
+    """Returns a hint with the mapping that a bare list of numbers stands for.
 
-    Empty if the list is not one of numbers, or has another length.
+    ``[0.4, 0, 0.5]`` is the value of the first field, ``[0.4, 0, 0.5, 180, 0, 0]`` those of two
+    fields. Empty if the list is not one of numbers, or has another length.
     """
     if not isinstance(given, (list, tuple)) or not all(_is_number(item) for item in given):
         return ""
-    for name, info in model.model_fields.items():
-        if info.is_required() and fixed_length(info.annotation) == len(given):
-            return f"{{{name}: [{', '.join(f'{item:g}' for item in given)}]}}"
-    return ""
+    lengths = {name: fixed_length(info.annotation) for name, info in model.model_fields.items()}
+    name = next((name for name, length in lengths.items() if length), "")
+    first, rest = given[: lengths.get(name, 0)], given[lengths.get(name, 0) :]
+    second = next((one for one in lengths if one != name and lengths[one] == len(rest)), "")
+    if len(first) != lengths.get(name, -1) or (rest and not second):
+        return ""
+    parts = [(name, first), (second, rest)] if rest else [(name, first)]
+    fields = (f"{one}: [{', '.join(f'{item:g}' for item in items)}]" for one, items in parts)
+    order = ", with quat in the order w, x, y, z" if second == "quat" else ""  # others begin with x
+    return f"{{{', '.join(fields)}}}{order}"
 
 
 def _is_number(item: Data) -> bool:

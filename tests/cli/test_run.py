@@ -178,6 +178,8 @@ def test_bad_file_is_code_2_with_the_places_of_its_errors(
         (["circle", "--duration", "0"], "'0' is not a number of seconds above 0"),
         (["circle", "--duration", "nan"], "above 0"),
         (["circle", "--duration", "soon"], "above 0"),
+        (["circle", "--watchdog", "-1"], "'-1' is not a number of seconds above 0, nor 0 for no"),
+        (["circle", "--watchdog", "soon"], "'soon' is not a number of seconds above 0, nor 0 for"),
         (["circle", "--display", "film"], "invalid choice"),
         (["circle", "--param", "speed"], "NAME=VALUE"),
         (["circle", "--sed", "3", "--wrong"], "unrecognized"),
