@@ -172,6 +172,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import Angle as Angle
     from bt_dualarm.spec.values import ArmName as ArmName
     from bt_dualarm.spec.values import Color as Color
+    from bt_dualarm.spec.values import Direction as Direction
     from bt_dualarm.spec.values import Duration as Duration
     from bt_dualarm.spec.values import FreeAxes as FreeAxes
     from bt_dualarm.spec.values import GripForce as GripForce
@@ -184,7 +185,9 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import ObjectName as ObjectName
     from bt_dualarm.spec.values import Offset as Offset
     from bt_dualarm.spec.values import OtherArmName as OtherArmName
+    from bt_dualarm.spec.values import OtherObjectName as OtherObjectName
     from bt_dualarm.spec.values import PartName as PartName
+    from bt_dualarm.spec.values import PickedObjectName as PickedObjectName
     from bt_dualarm.spec.values import Plane as Plane
     from bt_dualarm.spec.values import PlaneOrFree as PlaneOrFree
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
@@ -258,6 +261,7 @@ _CONTENTS: Final = {
     "ArmName": "spec.values:ArmName",
     "CarriedPose": "spec.relative_pose:CarriedPose",
     "Color": "spec.values:Color",
+    "Direction": "spec.values:Direction",
     "Duration": "spec.values:Duration",
     "FreeAxes": "spec.values:FreeAxes",
     "GripForce": "spec.values:GripForce",
@@ -268,7 +272,9 @@ _CONTENTS: Final = {
     "JointOffsets": "spec.values:JointOffsets",
     "JointPosition": "spec.values:JointPosition",
     "Keep": "spec.path_keep:Keep",
+    "OtherObjectName": "spec.values:OtherObjectName",
     "ObjectName": "spec.values:ObjectName",
+    "PickedObjectName": "spec.values:PickedObjectName",
     "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
     "OtherArmName": "spec.values:OtherArmName",

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm import (
+    Direction,
     Failure,
     Matrix,
-    ObjectName,
     ObjectPose,
     PartName,
+    PickedObjectName,
     PortModel,
     Pose,
     Skill,
     Speed,
     Trajectory,
     Vector,
-    Vector3,
     beginning_at,
     first_possible,
     make_room,
@@ -56,7 +56,7 @@ class ApproachAndAttach(Skill):
     """Approach an object, touch it, and attach it to the tool at its current pose."""
 
     class Ports(PortModel):
-        object: ObjectName = port(..., "object to attach")
+        object: PickedObjectName = port(..., "object to attach")
         part: PartName | None = port(
             None,
             "part of a compound object at which it is touched; by default above its center, "
@@ -66,7 +66,7 @@ class ApproachAndAttach(Skill):
             None,
             "estimated pose of the object, as `locate` writes it; its true pose is then not used",
         )
-        direction: Vector3 = port(
+        direction: Direction = port(
             (0.0, 0.0, -1.0), "direction of the straight approach, world axes"
         )
         standoff: float = port(
@@ -82,7 +82,7 @@ class ApproachAndAttach(Skill):
         approach_speed: Speed = port(0.1, "fraction of the arm's limits on the straight part")
 
     failures = {
-        "INVALID_TARGET": "the direction is a zero vector, or the object is fixed",
+        "INVALID_TARGET": "the object is fixed",
         "GRIPPER_FULL": "the gripper of the arm holds something else",
         "NOT_THERE": "the object is not in the world, or was removed meanwhile",
         "OUT_OF_REACH": "no approach of the object is both reachable and collision-free",

@@ -16,8 +16,8 @@ from bt_dualarm import (
     KnownShape,
     MovedAwayFailure,
     MovedPart,
-    ObjectName,
     ObjectPose,
+    PickedObjectName,
     PortModel,
     Skill,
     Taking,
@@ -44,7 +44,7 @@ _PURSUITS = 3  # plans for an object that other arms move before the gripper is 
 
 
 class _ObjectPorts(PortModel):
-    object: ObjectName | None = port(None, "object to pick; the file declares its shape")
+    object: PickedObjectName | None = port(None, "object to pick; the file declares its shape")
     at: ObjectPose | None = port(
         None, "estimated pose of the object, as `locate` writes it; its true pose is then not used"
     )

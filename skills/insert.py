@@ -17,6 +17,7 @@ from bt_dualarm import (
     KnownShape,
     Matrix,
     ObjectName,
+    OtherObjectName,
     PortModel,
     Pose,
     Skill,
@@ -37,7 +38,7 @@ _OUT = 0.1  # fraction of the arm's limits with which a peg is raised out of its
 class _PegPorts(PortModel):
     object: ObjectName = port(..., "peg; the gripper must hold it")
     at: CarriedPose = port(..., "pose of the peg when it is fully inserted")
-    into: ObjectName | None = port(
+    into: OtherObjectName | None = port(
         None,
         "object, held by another arm with `hold_still`, that has the hole or is a side of it: the "
         "peg and the hand may touch it",

@@ -9,12 +9,12 @@ import numpy as np
 
 from bt_dualarm import (
     Angle,
+    Direction,
     Failure,
     PointPose,
     PortModel,
     Skill,
     Speed,
-    Vector3,
     camera_now,
     gazes,
     look_at,
@@ -32,7 +32,7 @@ class LookAt(Skill):
         distance: float = port(
             0.4, "distance of the camera from the point", unit="m", ge=0.05, le=5
         )
-        direction: Vector3 = port((0.0, 0.0, -1.0), "line of sight, world axes")
+        direction: Direction = port((0.0, 0.0, -1.0), "line of sight, world axes")
         lean: Angle = port(
             30, "largest angle between the line of sight and `direction`", ge=0, le=90
         )
@@ -40,7 +40,6 @@ class LookAt(Skill):
 
     failures = {
         "NO_CAMERA": "the arm has no camera that moves with it",
-        "INVALID_TARGET": "the direction is a zero vector",
         "OUT_OF_REACH": "no pose of the camera for that can be reached",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",

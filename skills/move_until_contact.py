@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bt_dualarm import (
+    Direction,
     Failure,
     Grip,
     PortModel,
@@ -16,7 +17,6 @@ from bt_dualarm import (
     Skill,
     Speed,
     Vector,
-    Vector3,
     port,
     unit_vector,
 )
@@ -83,13 +83,12 @@ class MoveUntilContact(Skill):
     """Move the tool straight until a force opposes the motion, and stop there (guarded move)."""
 
     class Ports(PortModel):
-        direction: Vector3 = port((0.0, 0.0, -1.0), "direction of the motion, world axes")
+        direction: Direction = port((0.0, 0.0, -1.0), "direction of the motion, world axes")
         distance: float = port(0.10, "largest distance of the motion", unit="m", ge=0.001, le=1.0)
         force: float = port(15.0, "opposing force at which the motion ends", unit="N", ge=1, le=200)
         speed: Speed = port(0.01, "fraction of the arm's limits")
 
     failures = {
-        "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no opposing force was detected over the whole distance",
         "IN_COLLISION": "a link that is not part of the tool would touch something first",
         "FORCE_LIMIT": "the contact force exceeded the arm's limit before it stopped",

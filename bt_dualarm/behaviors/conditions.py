@@ -37,6 +37,7 @@ from bt_dualarm.spec.node_types import (
 )
 from bt_dualarm.spec.values import (
     Angle,
+    Direction,
     Duration,
     Goal,
     JointName,
@@ -180,7 +181,7 @@ class ForceAbove(_Leaf):
         """Ports of force_above."""
 
         force: float = port(..., "Bound", unit="N", gt=0.0, le=1e4)
-        direction: Vector3 | None = port(
+        direction: Direction | None = port(
             None, "Direction of the force, world axes; by default its magnitude counts"
         )
 
@@ -190,7 +191,6 @@ class ForceAbove(_Leaf):
         Ports,
         shorthand="force",
         example="force_above: {force: 20, direction: [0, 0, 1]}",
-        failures={"INVALID_TARGET": "the direction is a zero vector"},
     )
     ports: Ports
 

@@ -607,6 +607,8 @@ def out_of_reach(
 ) -> Iterator[Problem]:
     """Yields a warning for every literal goal pose for which the arm has no configuration.
 
+    And for every object that it is to pick up and that is farther away.
+
     Args:
         file: File without errors.
         robots: Robots by the arm's name.
@@ -614,6 +616,7 @@ def out_of_reach(
     """
     # A carried object may be grasped at any point, up to its diagonal away from the pose.
     longest = max(map(_diagonal, file.objects.values()), default=0.0)
+    unmoved = _unmoved(file, kinds)
     for name, arm in file.arms.items():
         bases = {"base": arm.base, **{other: one.base for other, one in file.arms.items()}}
         reach = _ReachCheck(name, robots[name], arm.base, longest, bases)
@@ -624,11 +627,58 @@ def out_of_reach(
                 goal = metadata_of(declared, Goal)
                 value = node.ports.get(port)
                 complaint = reach.complaint(value, goal, _free_axes(node)) if goal else None
+                refers = metadata_of(declared, Refers)
+                if refers is not None and refers.where_it_is and value in unmoved[name]:
+                    complaint = reach.of_object(node, file.objects[value])
                 if complaint and found < MOST_WARNINGS:
                     found += 1
                     message = f"{node.kind}: {port}: {complaint[0]}"
                     problem = node.port_problem((port,), message, complaint[1])
                     yield replace(problem, severity="warning")
+
+
+def _unmoved(file: TreeFile, kinds: Mapping[str, NodeType]) -> Mapping[str, frozenset[str]]:
+    """Names of the objects that stay within their noise until an arm picks them up, by the arm.
+
+    Not those that a leaf of another arm names, that are spawned, and that may ride on what is
+    picked up.
+    """
+    named: dict[str, set[str]] = {name: set() for name in file.arms}
+    spawned = {name for name, spec in file.objects.items() if not spec.spawned}
+    for name, arm in file.arms.items():
+        for node in arm.tree.walk():
+            for port, value in node.ports.items():
+                if isinstance(value, str) and _refers_to_object(node, port, kinds):
+                    named[name].add(value)
+                    if kinds[node.kind].takes_out:
+                        spawned.add(value)
+    taken = set[str]().union(*named.values())
+    if file.faults or any(is_dynamic(name) for name in taken):
+        return {name: frozenset() for name in file.arms}
+    carriers = {name: file.objects[name] for name in taken & file.objects.keys()}
+    riding = {
+        name
+        for name, spec in file.objects.items()
+        for carrier, other in carriers.items()
+        if name != carrier and not other.fixed and _may_touch(spec, other)
+    }
+    return {
+        name: frozenset(file.objects.keys() - spawned - riding).difference(
+            *(others for other, others in named.items() if other != name)
+        )
+        for name in file.arms
+    }
+
+
+def _may_touch(one: ObjectSpec, other: ObjectSpec) -> bool:
+    apart = np.linalg.norm(one.pose.pose.position - other.pose.pose.position)
+    return float(apart) <= _radius(one) + _radius(other)
+
+
+def _radius(obj: ObjectSpec) -> float:
+    """Largest distance of a point of an object from where the file declares its frame, m."""
+    corners = body_of(obj).corners
+    return float(np.linalg.norm(corners, axis=1).max()) + float(np.linalg.norm(obj.noise.xyz))
 
 
 def _free_axes(node: NodeSpec) -> FreeAxes | None:
@@ -685,6 +735,27 @@ class _ReachCheck:
                 return None
             self._known[key] = self._checked(pose, goal, free)
         return self._known[key]
+
+    def of_object(self, node: NodeSpec, obj: ObjectSpec) -> tuple[str, str] | None:
+        """Message and hint for an object that a node is to pick up; None if it may be reached."""
+        pose = obj.pose
+        given = node.ports.get("at")
+        if given is not None:
+            if is_dynamic(given) or relative_pose(given) is not None:
+                return None
+            try:
+                pose = PoseSpec.model_validate(with_tuples(given))
+            except ValidationError:
+                return None
+        point = np.array(pose.xyz)
+        heights = (point[2],) if obj.fixed else np.linspace(point[2], min(point[2], 0.0), 5)
+        gaps = (self._position_gap(np.array((*point[:2], z))) for z in heights)  # it may fall
+        gap = min(gaps) - _radius(obj)
+        if gap <= 0.0:
+            return None
+        distance = float(np.linalg.norm(point - self.base.pose.position))
+        message = f"out of reach of {self.arm}: its tool cannot get closer to it than {gap:.2f} m"
+        return message, f"it is {distance:.2f} m from the arm's base"
 
     def _checked(self, pose: PoseSpec, goal: Goal, free: FreeAxes) -> tuple[str, str] | None:
         point = np.array(pose.xyz)

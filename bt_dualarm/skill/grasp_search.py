@@ -40,13 +40,13 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import JointPath
 from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.values import PartName, Speed, Vector3
+from bt_dualarm.spec.values import Direction, PartName, Speed
 
 
 class TakingPorts(PortModel):
     """Ports of skills that pick: approach, forces, and the load for which the grip is designed."""
 
-    approach: Vector3 | None = port(
+    approach: Direction | None = port(
         None, "direction of the straight approach, world axes, within 30°; by default the best one"
     )
     part: PartName | None = port(

@@ -16,7 +16,7 @@ from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, guarded_descent, until_contact
 from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.values import Speed, Vector3
+from bt_dualarm.spec.values import Direction, Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -72,7 +72,7 @@ _LEAVE: Final = 0.1  # fraction of the limits with which a peg that is not in le
 class InsertingPorts(PortModel):
     """Ports of skills that insert."""
 
-    direction: Vector3 = port((0.0, 0.0, -1.0), "direction of insertion, world axes")
+    direction: Direction = port((0.0, 0.0, -1.0), "direction of insertion, world axes")
     depth: float = port(0.03, "depth of the inserted peg in the hole", unit="m", ge=0.005, le=0.3)
     radius: float = port(
         0.0018,
@@ -149,7 +149,6 @@ class Inserting:
     """
 
     failures: Final[Mapping[str, str]] = {
-        "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no bottom was detected in the hole",
         "NOT_FOUND": "the peg did not enter at any position of the search",
         "JAMMED": "the peg got stuck before it was fully inserted",

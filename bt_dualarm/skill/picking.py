@@ -64,8 +64,7 @@ class Taking:
 
     failures: Final[Mapping[str, str]] = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
-        "INVALID_TARGET": "the object is fixed or cannot withstand the gripper's minimum force, "
-        "or the approach is a zero vector",
+        "INVALID_TARGET": "the object is fixed, or cannot withstand the gripper's minimum force",
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper can support its weight",

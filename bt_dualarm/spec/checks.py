@@ -242,6 +242,9 @@ def check_node(
             what = "frame" if refers.words else " or ".join(kinds)
             hint = suggestion(name, names | set(refers.words), what)
             yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
+        elif refers.unlike and name == node.ports.get(refers.unlike):
+            message = f"{node.kind}: {path[0]}: '{name}' cannot go into itself"
+            yield node.port_problem(path, message)
         elif path[-1] == "on" and name.partition(".")[0] == node.ports.get("object"):
             of = metadata_of(node_type.ports.model_fields[str(path[0])], PoseOf)
             if of is not None and of.what in ("held", "object"):

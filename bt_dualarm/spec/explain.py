@@ -124,6 +124,8 @@ def _type_name(annotation: object) -> str:
         items = _plural(_type_name(arguments[0]))
         has_any_length = arguments[-1] is Ellipsis
         return f"list of {items}" if has_any_length else f"list of {len(arguments)} {items}"
+    if origin is list:
+        return f"list of {_plural(_type_name(arguments[0]))}"
     if origin is dict:
         return f"mapping from names to {_plural(_type_name(arguments[1]))}"
     return str(annotation)

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.relative_pose import PointPose
-from bt_dualarm.spec.values import Tilt, Vector3
+from bt_dualarm.spec.values import Direction, Tilt
 
 AxisName: TypeAlias = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
@@ -23,17 +23,11 @@ class Facing(PortModel):
     exactly_one_of = ("toward", "direction")
 
     toward: PointPose | None = port(None, "Point to which it points; its orientation is not used")
-    direction: Vector3 | None = port(
+    direction: Direction | None = port(
         None, "Direction in the world in which it points, of any nonzero length"
     )
     axis: AxisName = port("+z", "Axis of the tool or of the carried object")
     within: Tilt = port(10.0, "Largest angle from there")
-
-    @model_validator(mode="after")
-    def _has_a_direction(self) -> Facing:
-        if self.direction is not None and float(np.linalg.norm(self.direction)) < 1e-6:
-            raise ValueError("the direction has no length")
-        return self
 
     @property
     def unit_axis(self) -> Vector:

@@ -42,6 +42,16 @@ _Component: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Vector3: TypeAlias = tuple[_Component, _Component, _Component]
 """Three numbers; the field of this type states frame and unit."""
 
+
+def _directed(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*vector) < 1e-6:
+        raise ValueError("a direction must not be a zero vector")
+    return vector
+
+
+Direction: TypeAlias = Annotated[Vector3, AfterValidator(_directed)]
+"""Direction of any nonzero length; the field of this type states its frame."""
+
 _Coordinate: TypeAlias = Annotated[float, Field(ge=-100.0, le=100.0)]
 Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 """Angle of an orientation, degrees."""
@@ -59,15 +69,25 @@ class Refers:
             part"`` (``OBJECT.PART``).
         words: Words that are allowed as well.
         to_others: Whether the name of the arm in whose tree the node is makes no sense.
+        unlike: Port of the same node whose name this one cannot have; empty for none.
+        where_it_is: Whether the arm has to come to the object where that is.
     """
 
     to: tuple[str, ...]
     words: tuple[str, ...] = ()
     to_others: bool = False
+    unlike: str = ""
+    where_it_is: bool = False
 
 
 ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
 """The name of an object of the tree file."""
+
+PickedObjectName: TypeAlias = Annotated[str, Refers(("object",), where_it_is=True)]
+"""The name of an object that the arm comes to; the check knows whether that is within its reach."""
+
+OtherObjectName: TypeAlias = Annotated[str, Refers(("object",), unlike="object")]
+"""The name of an object other than the one that the port ``object`` of the same node names."""
 
 PartName: TypeAlias = Annotated[str, Refers(("part",))]
 """The name of a part of the object that the port ``object`` of the same node names."""

@@ -133,6 +133,44 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
     assert all(words in problem.message for problem in found)
 
 
+PICKING = """\
+bt_dualarm: 1
+world: {{scene: empty}}
+objects:
+  cube: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [{x}, 0, 0.1]}}}}
+  tray: {{shape: tray, size: [0.3, 0.2, 0.03], mass: 0.5, pose: {{xyz: [{tray}, 0, 0.015]}}}}
+arms:
+  arm1: {{robot: ur5, gripper: panda_hand, tree: {first}}}
+  arm2: {{robot: ur5, gripper: panda_hand, base: {{xyz: [3.2, 0, 0]}}, tree: {second}}}
+"""
+WAITING = "{wait: 1}"
+
+
+@pytest.mark.parametrize(
+    ("x", "tray", "first", "second", "warns"),
+    [
+        (2.5, 0.5, "{grasp: {object: cube}}", WAITING, True),
+        (2.5, 0.5, "{approach_and_attach: {object: cube}}", WAITING, True),
+        (0.5, 2.5, "{grasp: {object: cube}}", WAITING, False),
+        (0.5, 2.5, "{grasp: {object: cube, at: {xyz: [2.5, 0, 0.1]}}}", WAITING, True),
+        (2.5, 0.5, "{grasp: {object: cube, at: {xyz: [0.5, 0, 0.1]}}}", WAITING, False),
+        (2.5, 0.5, "{grasp: {object: cube}}", "{grasp: {object: cube}}", False),
+        (2.5, 2.5, "{grasp: {object: cube}}", "{grasp: {object: tray}}", False),
+        (2.5, 0.5, "{sequence: [{grasp: {object: tray}}, {grasp: {object: cube}}]}", WAITING, True),
+        (2.5, 2.5, "{holding: {object: cube}}", WAITING, False),
+    ],
+)
+def test_an_object_out_of_reach_is_a_warning_unless_it_may_be_brought(
+    x: float, tray: float, first: str, second: str, warns: bool, tmp_path: Path, registry: Registry
+) -> None:
+    """The check found the file fine, and `grasp` failed in the first tick."""
+    path = tmp_path / "task.yaml"
+    path.write_text(PICKING.format(x=x, tray=tray, first=first, second=second))
+    found = [one.message for one in check(path, registry.kinds).problems if "holds" not in str(one)]
+    assert len(found) == warns
+    assert all(": object: out of reach of arm1: its tool cannot get" in one for one in found)
+
+
 @pytest.mark.parametrize(
     ("noise", "tree", "words"),
     [

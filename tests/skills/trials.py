@@ -594,9 +594,6 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"move_linear": {"offset": {"rpy": [30, 0, 0]}, "keep": {"upright": 5}}}
     ),
     **moving("move_linear", {"move_linear": {"offset": {"xyz": [0, 0.1, 0]}}}, 0.4),
-    ("move_until_contact", "INVALID_TARGET"): Trial(
-        {"move_until_contact": {"direction": [0, 0, 0]}}
-    ),
     ("move_until_contact", "IN_COLLISION"): Trial(
         {"move_until_contact": {"direction": [0, 1, 0], "distance": 0.4, "speed": 0.2}},
         {"objects": {"post": slab([0.25, 0.30, 0.75], [0.06, 0.06, 0.3])}},
@@ -779,7 +776,6 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("regrasp", "SLIPPED"): Trial(AGAIN, interventions=((3.6, shrinks("cube")),), moves=True),
     ("regrasp", "DROPPED"): Trial(AGAIN, interventions=((3.6, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
-    ("insert", "INVALID_TARGET"): Trial(inserted([0.25, -0.45, 0.425], direction=[0, 0, 0])),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
     ("insert", "JAMMED"): Trial(inserted([0.25, -0.45, 0.415], depth=0.022), moves=True),
@@ -926,9 +922,6 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("count", "AMBIGUOUS"): Trial(COUNT, {"objects": TARGET | TOUCHING}),
     ("look_at", "NO_CAMERA"): Trial(LOOK, {"arm": BLIND}),
-    ("look_at", "INVALID_TARGET"): Trial(
-        {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [0, 0, 0]}}
-    ),
     ("look_at", "OUT_OF_REACH"): Trial({"look_at": {"at": {"xyz": [-2.0, 0.11, 0.7]}}}),
     **moving("look_at", LOOK, 0.4, "arm1/panda_hand"),
     ("scan", "NO_CAMERA"): Trial(SCAN, {"arm": {"robot": "ur5", "base": ABOVE}}),

@@ -25,6 +25,7 @@ class Ports(PortModel):
     deep: dict[str, tuple[bool, int]] = port({}, "anything")
     points: tuple[tuple[float, float], ...] = port(..., "curve", unit="m")
     things: tuple[ObjectOrArmName, ...] = port((), "several")
+    heights: list[float] = port([], "heights")
 
 
 @pytest.mark.parametrize(
@@ -41,6 +42,7 @@ class Ports(PortModel):
         PortDescription(
             "things", "list of names of an object or arm", "", "", "[]", "several", False
         ),
+        PortDescription("heights", "list of numbers", "", "", "[]", "heights", False),
         PortDescription("code", "text", "", "matches ^[A-Z]$", "A", "code", False),
     ],
     ids=lambda expected: expected.name,
