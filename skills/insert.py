@@ -176,11 +176,13 @@ class Insert(Skill):
             else:
                 self._bottoms = [(spun, bottom)]
                 turned = [rows[0] for rows in self.arm.turned(starts)]
-                return (
-                    yield from self.arm.plan(
-                        [rows[0] for rows in starts], self.ports.speed, turned=turned
-                    )
-                )
+                above = [rows[0] for rows in starts]
+                try:
+                    return (yield from self.arm.plan(above, self.ports.speed, turned=turned))
+                except Failure as failure:
+                    if "goal_enclosed" in failure.numbers:
+                        failure.adding("a `depth` like that of the hole begins above it")
+                    raise
         assert first is not None  # noqa: S101 - the goal itself is one of them
         raise first
 

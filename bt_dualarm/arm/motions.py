@@ -789,14 +789,26 @@ class ArmMotions(ArmState):
             except Failure as refusal:
                 refusal.noting(planning_s=PLANNING_S)
                 if refusal.code == "NO_PLAN":
-                    enclosing = self.checker(ignore).enclosing(self.setpoint.q)
-                    if enclosing is not None:
-                        own, one, other = enclosing
-                        where = f"in {one}" if one == other else f"between {one} and {other}"
-                        refusal.adding(f"{own} is {where}: `move_linear` can take it out first")
+                    self._name_enclosing(refusal, goals, ignore)
                 raise
         finally:
             pending.abandon()
+
+    def _name_enclosing(
+        self, refusal: Failure, goals: Sequence[Vector], ignore: frozenset[str]
+    ) -> None:
+        """Add what the tool or a held object is between, now or at all goals, to a refused plan."""
+        checker = self.checker(ignore)
+        enclosing = checker.enclosing(self.setpoint.q)
+        if enclosing is not None:
+            own, where = enclosing[0], _between(enclosing)
+            refusal.adding(f"{own} is {where}: `move_linear` can take it out first")
+            return
+        at_goals = [checker.enclosing(goal) for goal in goals]
+        if at_goals and at_goals[0] is not None and None not in at_goals:
+            own, where = at_goals[0][0], _between(at_goals[0])
+            refusal.adding(f"at the goal, {own} would be {where} already")
+            refusal.noting(goal_enclosed=True)
 
     def come_to_rest(self) -> Iterator[None]:
         """Wait until an earlier motion, such as the braking of a halted leaf, has ended.
@@ -1088,3 +1100,9 @@ class ArmMotions(ArmState):
             return
         tool_link = self.kinematics.forward(q) @ self.robot.tool.inverse
         self._shared.carrying.refuse(name, q, tool_link, seen)
+
+
+def _between(enclosing: tuple[str, str, str]) -> str:
+    """Place of something that two sides enclose, as `CollisionChecker.enclosing` returns them."""
+    _, one, other = enclosing
+    return f"in {one}" if one == other else f"between {one} and {other}"

@@ -201,28 +201,38 @@ def test_object_at_rest_is_detached_however_short_the_wait(
     assert leaf.status == "SUCCESS", leaf.reason
 
 
-def test_motion_out_of_a_hole_without_a_line_says_what_encloses_the_peg(stage: Stage) -> None:
-    """Only the number of checked configurations was reported, as if the planner were at fault."""
-    file = """
-        name: enclosed
-        world: {scene: table, time_limit: 20}
+HOLE = """
+        world: {{scene: table, time_limit: 20}}
         objects:
-          peg: {shape: cylinder, size: [0.01, 0.08], mass: 0.1, pose: {xyz: [0.4, -0.45, 0.44]}}
-          left: {shape: box, size: [0.03, 0.08, 0.02], fixed: true,
-            pose: {xyz: [0.3747, -0.45, 0.41]}}
-          right: {shape: box, size: [0.03, 0.08, 0.02], fixed: true,
-            pose: {xyz: [0.4253, -0.45, 0.41]}}
-          front: {shape: box, size: [0.02, 0.03, 0.02], fixed: true,
-            pose: {xyz: [0.4, -0.4753, 0.41]}}
-          back: {shape: box, size: [0.02, 0.03, 0.02], fixed: true,
-            pose: {xyz: [0.4, -0.4247, 0.41]}}
+          peg: {{shape: cylinder, size: [0.01, 0.08], mass: 0.1, pose: {{xyz: [{x}, -0.45, 0.44]}}}}
+          left: {{shape: box, size: [0.03, 0.08, 0.02], fixed: true,
+            pose: {{xyz: [0.3747, -0.45, 0.41]}}}}
+          right: {{shape: box, size: [0.03, 0.08, 0.02], fixed: true,
+            pose: {{xyz: [0.4253, -0.45, 0.41]}}}}
+          front: {{shape: box, size: [0.02, 0.03, 0.02], fixed: true,
+            pose: {{xyz: [0.4, -0.4753, 0.41]}}}}
+          back: {{shape: box, size: [0.02, 0.03, 0.02], fixed: true,
+            pose: {{xyz: [0.4, -0.4247, 0.41]}}}}
         arms:
           arm1:
             robot: ur5
-            base: {xyz: [0, 0, 0.4]}
-            tree: {sequence: [approach_and_attach: {object: peg}, go_home: {}]}
-    """
-    leaf = stage.run(file).leaf("go_home")
+            base: {{xyz: [0, 0, 0.4]}}
+            tree: {{sequence: [approach_and_attach: {{object: peg}}, {then}]}}
+"""
+
+
+def test_motion_out_of_a_hole_without_a_line_says_what_encloses_the_peg(stage: Stage) -> None:
+    """Only the number of checked configurations was reported, as if the planner were at fault."""
+    leaf = stage.run("\n        name: out" + HOLE.format(x=0.4, then="go_home: {}")).leaf("go_home")
     assert leaf.code == "NO_PLAN"
     assert leaf.reason.endswith(": `move_linear` can take it out first")
     assert "; peg is between " in leaf.reason
+
+
+def test_motion_into_a_hole_without_a_line_says_what_encloses_the_peg_there(stage: Stage) -> None:
+    """As above; `insert` with less `depth` than that of the hole plans to such a pose."""
+    into = "transport: {to: {xyz: [0.4, -0.45, 0.442]}, speed: 0.5}"
+    text = "\n        name: into" + HOLE.format(x=0.25, then=into)
+    leaf = stage.run(text).leaf("transport")
+    assert leaf.code == "NO_PLAN"
+    assert "; at the goal, peg would be between " in leaf.reason
