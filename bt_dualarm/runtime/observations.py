@@ -553,6 +553,7 @@ class Journal:
     """Text file that grows line by line; each addition is one system call.
 
     Its lines survive a run that is killed. A write error does not end the run; `finish` raises it.
+    What is added after `close` is left out: a run whose record is withdrawn still ends.
 
     Args:
         path: The file, created with the first lines.
@@ -562,10 +563,11 @@ class Journal:
         self._path = path
         self._file: int | None = None
         self._failure: OSError | None = None
+        self._is_closed = False
 
     def add(self, text: str) -> None:
         """Append whole lines."""
-        if self._failure is not None or not text:
+        if self._failure is not None or self._is_closed or not text:
             return
         try:
             self._write(encodable(text).encode())
@@ -588,6 +590,7 @@ class Journal:
 
     def close(self) -> None:
         """Close the file."""
+        self._is_closed = True
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -532,12 +532,7 @@ class Run:
         Raises:
             RecordError: The disk is full, or the folder is gone.
         """
-        self._is_closed = True
-        with self._parts.resources, self._parts.at_work():
-            if self._result is None:
-                self._parts.runner.break_off()
-                self._take_result()
-            self.write_record()
+        self._end()
 
     def discard(self) -> None:
         """End the run without a record, and release all resources.
@@ -548,7 +543,15 @@ class Run:
             self._is_recorded = True
             self.open_record.recorder.close()
             self.open_record.folder.withdraw()
-        self.close()
+        self._end(quietly=True)
+
+    def _end(self, *, quietly: bool = False) -> None:
+        self._is_closed = True
+        with self._parts.resources, self._parts.at_work():
+            if self._result is None:
+                self._parts.runner.break_off(quietly=quietly)
+                self._take_result()
+            self.write_record()
 
     def __enter__(self) -> Run:
         return self

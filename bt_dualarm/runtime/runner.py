@@ -116,12 +116,16 @@ class Runner:
         if self._has_ended() and self._result is None:
             self._result = self._made_result()
 
-    def break_off(self) -> None:
-        """End the run at once: trees are halted, arms get no time to come to rest."""
+    def break_off(self, *, quietly: bool = False) -> None:
+        """End the run at once: trees are halted, arms get no time to come to rest.
+
+        Args:
+            quietly: Whether to log nothing about arms that still move.
+        """
         if self._result is None:
             if self._ending is None:
                 self._begin_to_end(Ending.CLOSED)
-            self._result = self._made_result()
+            self._result = self._made_result(quietly=quietly)
 
     def abandon(self) -> None:
         """Halt the trees of a run whose result is not needed; arms get no time to come to rest."""
@@ -172,10 +176,10 @@ class Runner:
             self._ending = Ending.ERROR
         self._feed.after_ticks(self)
 
-    def _made_result(self) -> RunResult:
+    def _made_result(self, *, quietly: bool = False) -> RunResult:
         broken = self._ending in (Ending.DIVERGED, Ending.ERROR)
         at_rest = not broken and self._arms.at_rest
-        if not at_rest:
+        if not (at_rest or quietly):
             _log.warning("the run ended with an arm still moving")
         return RunResult(
             ending=self._verdict(),

@@ -56,8 +56,13 @@ def test_a_tree_edited_before_that_time_is_refused_with_its_node(
     assert "arm1:sequence/set began at 0.00 s and has another value now" in str(refused.value)
 
 
-def test_a_refused_run_leaves_an_earlier_record(short: Record, tmp_path: Path) -> None:
-    """Its record of the repeated past is withdrawn."""
+def test_a_refused_run_leaves_an_earlier_record(
+    short: Record, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its record of the repeated past is withdrawn, and its end is not reported.
+
+    What its arms did at the end was written to a file that had been closed: "File exists".
+    """
     change = edited(short, tmp_path, "value: {xyz: [0, 0.06, 0]}", "value: {xyz: [0, 0.05, 0]}")
     recorded(tmp_path / "other", duration=0.1)
     (folder,) = {path.parent for path in (tmp_path / "other").rglob("summary.json")}
@@ -65,6 +70,7 @@ def test_a_refused_run_leaves_an_earlier_record(short: Record, tmp_path: Path) -
     options = {"record": folder, "frames": True}
     with pytest.raises(PastChangedError):
         resumed(short, short.until - 0.1, REGISTRY, replace(change, options=options))
+    assert caplog.messages == []
     after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     assert after == before
 
