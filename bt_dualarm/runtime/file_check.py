@@ -854,7 +854,10 @@ def check(
     names = Names(file, source, kinds, loaded.left_out, known)
     names.look_up()
     of_world: list[Problem] = []
-    if build and not names.problems and not loaded.left_out:
+    # An unknown value stands for that of a parameter, which has been reported.
+    names_of_parts = [name for arm in file.arms.values() for name in (arm.robot, arm.gripper)]
+    is_named = not any(map(is_unknown, names_of_parts))
+    if build and is_named and not names.problems and not loaded.left_out:
         of_world = _problems_of_the_world(file, source, loaded.name)
     wrong = [*errors(loaded.problems), *names.problems, *errors(of_world)]
     if wrong or loaded.file is None:

@@ -474,7 +474,8 @@ class StatusFeed:
         left = tuple(other for other in self._observers if other is not observer)
         self._observers = ()
         self.watch(*left)
-        _log.warning("observer %s was dropped: %r", type(observer).__name__, error)
+        name = type(observer).__name__
+        _log.warning("observer %s was dropped: %r", name, error, exc_info=error)
 
 
 LOGGER: Final = logging.getLogger("bt_dualarm")

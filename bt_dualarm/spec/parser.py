@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any, Final, Literal, TypeAlias
 
-from pydantic import Field, ValidationError, create_model, model_validator
+from pydantic import ValidationError, create_model, model_validator
 
 from bt_dualarm.spec.dimensions import ANYTHING, ValueType, dimension_of, misfit
 from bt_dualarm.spec.explain import explain, in_base_units
@@ -176,15 +176,19 @@ class ParamSpec(Value):
         try:
             validated(model, {name: value})
         except ValidationError as error:
-            found = explain(error, model, {name: value}, "parameter")
-            return [f"{f.message} ({f.hint})" if f.hint else f.message for f in found]
+            complaints = []
+            for found in explain(error, model, {name: value}, "parameter"):
+                is_within = not found.message.startswith(f"{name}: ")  # a field of the value
+                message = f"{name}: {found.message}" if is_within else found.message
+                complaints.append(f"{message} ({found.hint})" if found.hint else message)
+            return complaints
         return []
 
     def _model(self, name: str) -> _Model:
         """Returns the model of a value under a name."""
         low, high = self.range or (None, None)
         annotation = Literal[self.choices] if self.choices else _TYPES[self.type]
-        field: Any = (annotation, Field(ge=low, le=high))
+        field: Any = (annotation, port(..., "", unit=self.unit or "", ge=low, le=high))
         return create_model("Parameter", __base__=PortModel, **{name: field})
 
 

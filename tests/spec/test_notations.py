@@ -88,6 +88,46 @@ def test_other_notation_has_one_error_with_ours(field: str, value: str, hint: st
     assert found.startswith(hint)
 
 
+PARAMETERS = """\
+bt_dualarm: 1
+params:
+  grip: {type: text, default: panda_hand, choices: [panda_hand, none]}
+  robot: {type: text, default: z1, choices: [z1, jaco2]}
+  goal: {type: pose, default: {xyz: [0.3, 0, 0.5]}}
+  high: {type: number, unit: m, default: 0.1, range: [0.05, 0.2]}
+  step: {type: vector, unit: m, default: [0, 0, 0.1]}
+arms:
+  arm1:
+    robot: "{robot}"
+    gripper: "{grip}"
+    tree:
+      sequence:
+        - reach_to_pose: {to: "{goal}"}
+        - reach_to_pose: {offset: {xyz: [0, 0, "{high}"]}}
+        - reach_to_pose: {offset: {xyz: "{step}"}}
+"""
+UNITS = " (in meters, or with a unit: mm, cm, m)"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("grip", "claw", "grip: expected one of panda_hand, none, not text 'claw'"),
+        ("robot", "ur5", "robot: expected one of z1, jaco2, not text 'ur5'"),
+        ("goal", "{xyz: [1, 2]}", "goal: xyz: expected 3 items, not 2"),
+        ("high", "5", "high: must be at most 0.2 m, not 5 (in meters: 0.005, if 5 mm are meant)"),
+        ("high", "5 kg", f"high: expected a number, not text '5 kg'{UNITS}"),
+        ("step", "[1, 2, x]", f"step: expected a number, not text 'x'{UNITS}"),
+    ],
+)
+def test_wrong_value_of_a_parameter_is_one_error_with_its_name_and_unit(
+    name: str, value: str, message: str
+) -> None:
+    """A robot '{?robot}' was not in the catalog either, and the field of a pose had no owner."""
+    problems = check(PARAMETERS, Registry.load().kinds, {name: value}).problems
+    assert [problem.message for problem in problems] == [f"parameter {message}"]
+
+
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
