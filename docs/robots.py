@@ -45,7 +45,8 @@ _SCENES: Final = """\
 
 Coordinates are meters in the world. The center of an object on a surface is half its height above
 it: a cube of 0.05 m on a top at 0.4 m is at `z: 0.425`. Skills, poses and goals cannot name these
-parts, only objects of the tree and fixtures of a [scene of your own](objects.md#a-scene-of-your-own).
+parts, only objects of the tree and fixtures of a
+[scene of your own](objects.md#a-scene-of-your-own).
 """
 
 
