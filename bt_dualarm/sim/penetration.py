@@ -58,5 +58,7 @@ def deepest_overlap(
         reason = f"{kind} {name!r} would collide with itself: {names[0]} {deep} {names[1]}"
         return OverlapError(name, reason, depth, name)
     other = names[own.index(False)]
-    reason = f"{kind} {name!r} would be {deep} {other}"
+    part = names[own.index(True)]
+    of_it = "" if part == name else f", with {part}"
+    reason = f"{kind} {name!r} would be {deep} {other}{of_it}"
     return OverlapError(name, reason, depth, other.partition("/")[0])

@@ -11,7 +11,9 @@ from tests.sim.worlds import arm, box, file_of
 
 def test_overlapping_arms_are_refused() -> None:
     file = file_of({"arm1": arm("ur5", (0.0, 0.0, 0.0)), "arm2": arm("panda", (0.1, 0.0, 0.0))})
-    with pytest.raises(WorldError, match=r"arm 'arm1' would be \d+ mm deep in arm2/"):
+    with pytest.raises(
+        WorldError, match=r"arm .arm1. would be \d+ mm deep in arm2/\w+, with arm1/"
+    ):
         World(file).refuse_overlaps()
 
 
