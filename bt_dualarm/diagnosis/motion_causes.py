@@ -14,7 +14,7 @@ from bt_dualarm.core.errors import KINEMATIC_CODES, DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.joint_causes import MovedJoint
-from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried
+from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried, referred_to
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.replay.timeline import ContactPoint, TimelineNode, held_over_time
 from bt_dualarm.robots.robot import Robot
@@ -323,6 +323,10 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         return
     holds = f", which {e.arm} holds," if "/" not in first else ""
     remedy = e.clearance(other)
+    if other in referred_to(e) and "/" not in first:
+        remedy = f"another place relative to {other}, by `xyz` or another orientation"
+        yield e.cause("TOO_NARROW", f"{first}, which {e.arm} holds, would touch {second}", remedy)
+        return
     if e.leaf.kind == "place" and first.startswith(f"{e.arm}/"):
         remedy = f"grasp it otherwise: {_other_grasp(e)}; or {remedy}"
     yield e.cause("IN_THE_WAY", f"{second} is in the path: {first}{holds} would touch it", remedy)

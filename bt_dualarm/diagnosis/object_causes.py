@@ -167,8 +167,7 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
 def _moved_since(e: Evidence) -> Iterator[Cause]:
     """Yields a cause if the object to which a pose is relative had moved since the arm knew it."""
     age = e.numbers.get("known_for_s")
-    objects = {name for port in e.leaf.ports.values() for name in _references(port)}
-    objects &= e.record.start["objects"].keys()
+    objects = referred_to(e)
     # The age is that of the oldest pose: of several, the arm may have seen another one since.
     if e.code not in _MISPLACED_CODES or not isinstance(age, (int, float)) or len(objects) != 1:
         return
@@ -176,13 +175,20 @@ def _moved_since(e: Evidence) -> Iterator[Cause]:
     before, now = e.scene(max(e.began - age, 0.0)), e.scene(e.began)
     if not (before.has(name) and now.has(name)):
         return
-    moved = float(np.linalg.norm(now.position(name) - before.position(name)))
+    declared = e.record.start["objects"][name]
+    # From the start on, the arm has assumed the pose in the file, without the object's noise.
+    is_since_start = declared["spawned"] and e.began - age < 1e-6
+    is_of_file = e.numbers["known_by"] == "declared" and is_since_start
+    assumed = np.array(declared["pose"]["xyz"]) if is_of_file else before.position(name)
+    moved = float(np.linalg.norm(now.position(name) - assumed))
     if moved < _MISPLACED_M:
         return
     sentence = (
         f"{name} was {1e3 * moved:.0f} mm from where {e.arm} assumed it, by its pose of "
         f"{age:.1f} s before ({e.numbers['known_by']})"
     )
+    if is_of_file and any((*declared["noise"]["xyz"], declared["noise"]["yaw"])):
+        sentence += "; its noise displaces it from its pose in the file"
     holders = [
         arm
         for arm in e.record.arms
@@ -195,6 +201,13 @@ def _moved_since(e: Evidence) -> Iterator[Cause]:
         sentence += f"; {' and '.join(holders)} held it meanwhile"
     remedy = f"let `locate` find {name} before, or give the pose in the world"
     yield e.cause("POSE_OUTDATED", sentence, remedy)
+
+
+def referred_to(e: Evidence) -> set[str]:
+    """Names of the objects to which poses in the leaf's ports are relative."""
+    declared = e.record.start["objects"]
+    names = (name for port in e.leaf.ports.values() for name in _references(port))
+    return {name for name in names if name in declared}
 
 
 def _references(value: object) -> Iterator[str]:

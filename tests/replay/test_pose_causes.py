@@ -34,6 +34,42 @@ arms:
 """
 
 
+BESIDE = """
+bt_dualarm: 1
+name: beside
+world: {{scene: table, time_limit: 30}}
+objects:
+  bin: {{shape: bin, size: [0.14, 0.12, 0.06], wall: 0.01, mass: 1,
+    pose: {{xyz: [0.45, -0.4, 0.43]}}{noise}}}
+  bar: {{shape: box, size: [{long}, 0.03, 0.03], mass: 0.1, pose: {{xyz: [0.25, -0.45, 0.415]}}}}
+arms:
+  arm1:
+    robot: z1
+    gripper: panda_hand
+    base: {{xyz: [0, -0.35, 0.4]}}
+    tree: {{sequence: [{{grasp: {{object: bar}}}}, {{place: {{at: {{on: bin, rpy: [0, 0, 0]}}}}}}]}}
+"""
+
+
+def test_object_that_its_noise_displaces(tmp_path: Path) -> None:
+    """That a cube would tip, or a wall was in the path, was all."""
+    text = BESIDE.format(noise=", noise: {xyz: [0.05, 0.05, 0]}", long=0.11)
+    [story] = stories(recorded(tmp_path, text))
+    cause = story.causes[0]
+    assert cause.kind == "POSE_OUTDATED", cause
+    assert "from where arm1 assumed it" in cause.sentence
+    assert cause.sentence.endswith("; its noise displaces it from its pose in the file")
+
+
+def test_object_too_long_for_what_it_is_to_stand_in(tmp_path: Path) -> None:
+    """It was advised to move the bin away."""
+    [story] = stories(recorded(tmp_path, BESIDE.format(noise="", long=0.125)))
+    cause = story.causes[0]
+    assert cause.kind == "TOO_NARROW", cause
+    assert cause.sentence == "bar, which arm1 holds, would touch bin"
+    assert cause.remedy.startswith("another place relative to bin")
+
+
 def test_object_that_another_arm_has_moved_since(tmp_path: Path) -> None:
     [story] = stories(recorded(tmp_path, MOVED))
     cause = story.causes[0]
