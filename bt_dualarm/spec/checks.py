@@ -92,6 +92,7 @@ def declared_names(source: Source, given: Data) -> Declared:
     sections = {"object": _single(given), "arm": source.get(("arms",))}
     for category, section in CATEGORIES.items():
         sections[category] = cell.get(section) if isinstance(cell, dict) else None
+    sections["subtree"] = source.get(("subtrees",))
     objects = sections["object"]
     moved: dict[str, Data] = {}
     placed: dict[str, Data] = {}
@@ -178,7 +179,10 @@ def check_tree(
             yield node.port_problem((), *not_a_body(node_type, body))
         elif node_type is None and complete:
             message = f"there is no node or skill '{node.kind}'"
-            yield node.problem(message, kind_hint(node.kind, node_types))
+            hint = kind_hint(node.kind, node_types)
+            if node.kind in declared.of(("subtree",)):
+                hint = f"it is a subtree: subtree: {{use: {node.kind}}}"
+            yield node.problem(message, hint)
 
 
 def with_bare_numbers(node: NodeSpec, node_types: Mapping[str, NodeType]) -> NodeSpec:

@@ -28,7 +28,6 @@ from bt_dualarm.spec.node_types import (
     key_name,
     list_of,
     mapping_of,
-    metadata_of,
     models_in,
     number_in,
     reference_of,
@@ -84,7 +83,7 @@ def names_of(model: type[BaseModel]) -> list[str]:
 
 def _names_instead(annotation: object) -> list[str] | None:
     """Names that may be written for a value of a type, None if it may be any text."""
-    if annotation is str:
+    if annotation in (str, Any):
         return None
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return names_of(annotation)
@@ -577,12 +576,13 @@ class _Explainer:
             field = field_at(self.model, details["loc"])
             given = details["input"]
             if details["type"] in ("list_type", "tuple_type"):
-                is_of_names = field is not None and metadata_of(field, Refers) is not None
-                if isinstance(given, str) and is_of_names:
+                lists = containers_in(type_at(self.model, details["loc"]))
+                is_of_texts = any(_names_instead(get_args(one)[0]) is None for one in lists)
+                if isinstance(given, str) and is_name(given) and is_of_texts:
                     return f"as a list: [{given}]"
                 return (isinstance(given, str) and list_of(given)) or _example(field)
-            if isinstance(given, str) and details["type"] == "float_type" and field:
-                return bare(given, unit_of(field))
+            if isinstance(given, str) and details["type"] in ("float_type", "int_type") and field:
+                return _braced(given) or bare(given, unit_of(field))
         return ""
 
     def _forms(self, path: DataPath, found: Sequence[ErrorDetails]) -> str:
@@ -667,6 +667,19 @@ class _Explainer:
             return f"here it is '{meant}'"
         close = nearest(str(found[0]["input"]), choices)
         return f"did you mean '{close}'?" if close else ""
+
+
+_PRODUCT: Final = re.compile(r"\s*[\w.]+(?:\s*[-+*/%]\s*[\w.]+)+\s*")
+
+
+def _braced(text: str) -> str:
+    """Returns a hint for an expression whose keys have no braces, or a reference without an end."""
+    if text.count("{") != text.count("}"):
+        return "a key or a parameter begins and ends with a brace: {key}"
+    if _PRODUCT.fullmatch(text) and re.search(r"[a-zA-Z_]", text):
+        inner = re.sub(r"[A-Za-z_]\w*", lambda word: f"{{{word[0]}}}", text.strip())
+        return f'as an expression: "{inner}"'
+    return ""
 
 
 def _example(field: FieldInfo | None) -> str:

@@ -74,6 +74,9 @@ _INSTEAD: Final = {
     "!": "write 'not', or != to compare",
     "^": "there are no powers: multiply, or use sqrt()",
     "**": "there are no powers: multiply, or use sqrt()",
+    "$": "a key or a parameter is written without $: {key}",
+    "{": "a key or a parameter has single braces: {key}",
+    "}": "a key or a parameter has single braces: {key}",
     "'": "a quoted text ends with the quote that it began with, and has no \\, quotes, { or }",
     '"': "a quoted text ends with the quote that it began with, and has no \\, quotes, { or }",
 }
@@ -215,6 +218,11 @@ def _operand(match: re.Match[str], start: int, *, is_part: bool) -> tuple[Data, 
         return None
     if word in _CONSTANTS:
         return _CONSTANTS[word], TRUTH if word != "pi" else ValueType("number", ())
+    if word in UNITS:
+        hint = f"a unit follows a number: 1 {word}"
+        raise ExpressionError(f"there is no name '{word}'", start, end, hint)
+    if word == "is":
+        raise ExpressionError("'is' is not allowed in an expression", start, end, _INSTEAD["="])
     close = nearest(word, {*_WORDS, *_CONSTANTS, *FUNCTIONS})
     hint = f"did you mean '{close}'? " if close else ""
     hint += f"a key or a parameter needs braces: {{{word}}}; a text needs quotes"

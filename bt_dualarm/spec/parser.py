@@ -207,7 +207,8 @@ def declared(source: Source, path: DataPath, problems: list[Problem]) -> dict[st
     if data is None:
         return {}
     if not isinstance(data, dict):
-        problems.append(source.problem(path, f"expected a mapping, not {in_words(data)}"))
+        message = f"params: expected a mapping, not {in_words(data)}"
+        problems.append(source.problem(path, message, "NAME: {type: number, default: 0.5}"))
         return {}
     return {
         name: _declared_one(source, (*path, name), name, item, problems)
@@ -555,9 +556,12 @@ class SubtreeUse:
         if reference_of(value) is None and spec.type == "key":
             message = f"{name}: expected a blackboard key"
             self._add(("params", name), message, f'for example "{{{name}}}"')
-        elif not is_dynamic(value):
-            for complaint in spec.complaints(name, value):
+        elif not is_dynamic(value) and not is_unknown(value):
+            complaints = spec.complaints(name, value)
+            for complaint in complaints:
                 self._add(("params", name), complaint)
+            if complaints:  # reported here, and not again where the subtree uses it
+                return unknown(name)
         written = self.here.into("params", name).data
         if is_dynamic(written) and isinstance(written, str):
             try:
@@ -988,6 +992,8 @@ def _not_a_node(data: Data) -> tuple[str, str]:
         hint = f"indent the content of '{next(iter(data))}' further"
         return f"a node has one key, its kind; found {len(data)}: {keys}", hint
     hint = "a node is written 'kind: {port: value}'"
+    if isinstance(data, bool):
+        hint = f"as a condition: {{test: {in_words(data)}}}"
     if isinstance(data, list):
         hint = "for several nodes write 'sequence:' above the list"
     return f"expected a node, not {in_words(data)}", hint

@@ -158,6 +158,9 @@ _SYNONYMS: Final[Mapping[str, str]] = {
     "cube": "box", "cuboid": "box", "ball": "sphere", "plate": "tray", "pipe": "tube",
     "mug": "cup", "franka": "panda", "kinova": "jaco2",
     "grey": "gray", "none": "ideal", "real": "lab",
+    "float": "number", "double": "number", "int": "integer", "bool": "boolean", "string": "text",
+    "str": "text", "array": "vector",
+    "as": "item", "var": "item", "variable": "item", "in": "items", "list": "items",
 }  # fmt: skip
 """Names and values of other libraries and formats, each with those that stand for it here."""
 

@@ -105,6 +105,14 @@ ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
 """The name of an object or an arm of the tree file."""
 
 
+_UNIT_NAMES: Final = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms",
+    "mins": "min", "minute": "min", "minutes": "min", "hr": "h", "hour": "h", "hours": "h",
+    "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
+}  # fmt: skip
+"""Other names of units, each with ours."""
+
+
 def _quantity(value: Data, units: Mapping[str, float]) -> Data:
     """Converts text such as ``"500 ms"`` to the base unit; leaves a number as it is."""
     if not isinstance(value, str):
@@ -112,7 +120,12 @@ def _quantity(value: Data, units: Mapping[str, float]) -> Data:
     match = QUANTITY.fullmatch(value)
     if match is None or match[2] not in units:
         choices = ", ".join(units)
-        raise ValueError(f"expected a number, or text with a unit ({choices}), not '{value}'")
+        text = f"expected a number, or text with a unit ({choices}), not '{value}'"
+        meant = QUANTITY.fullmatch(value.replace(",", "."))
+        unit = "" if meant is None else _UNIT_NAMES.get(meant[2].lower(), meant[2])
+        if meant is not None and unit in units:
+            text += f" (did you mean '{meant[1]} {unit}'?)"
+        raise ValueError(text)
     return float(match[1]) * units[match[2]]
 
 

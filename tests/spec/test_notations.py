@@ -59,6 +59,7 @@ def test_name_in_brackets_is_meant_without_them(field: str, value: str, name: st
     ("field", "value", "hint"),
     [
         ("reality", "[lab, rough]", "'ideal' or 'lab' or 'rough' or a mapping of set, "),
+        ("tree", "{carry_together: {object: peg, with: b}}", "as a list: [b]"),
         ("tree", "{locate: {object: peg, region: 5}}", "a name or a mapping of shape, size, pose"),
         ("tree", "{circle: {plane: [0, 0, 1]}}", "{normal: [0, 0, 1]}"),
         ("tree", POSE.format("[0.4, 0, 1, 180, 0, 0]"), "{xyz: [0.4, 0, 1], rpy: [180, 0, 0]}"),
@@ -86,6 +87,53 @@ def test_other_notation_has_one_error_with_ours(field: str, value: str, hint: st
     """Three coordinates with names of their own were three errors."""
     [(_, found)] = problems_of(field, value)
     assert found.startswith(hint)
+
+
+WORDS = """\
+bt_dualarm: 1
+params: {{r: {{type: number, default: 0.05}}, n: {{type: integer, default: 3}}}}
+subtrees:
+  ring:
+    params: {{radius: {{type: number, range: [0.01, 0.1]}}}}
+    tree: {{circle: {{radius: "{{radius}}"}}}}
+  turn: {{params: {{to: {{type: pose}}}}, tree: {{reach_to_pose: {{to: "{{to}}"}}}}}}
+arms: {{arm1: {{robot: z1, tree: {{sequence: [{{go_home: {{speed: "{{r}} * {{n}}"}}}}, {node}]}}}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("node", "message", "hint"),
+    [
+        ("{circle: {radius: r * 2}}", "text 'r * 2'", 'as an expression: "{r} * 2"'),
+        ("{circle: {radius: '{r'}}", "text '{r'", "a key or a parameter begins and ends with"),
+        ("{circle: {radius: '${r}'}}", "'$' is not allowed", "a key or a parameter is written w"),
+        ("{circle: {radius: '{{r}}'}}", "'{' is not allowed", "a key or a parameter has single b"),
+        ("{wait: '{n} ms'}", "there is no name 'ms'", "a unit follows a number: 1 ms"),
+        ("{wait: '1,5 s'}", "not '1,5 s' (did you mean '1.5 s'?)", ""),
+        ("{wait: 90 sec}", "not '90 sec' (did you mean '90 s'?)", ""),
+        ("{test: '{n} is 3'}", "'is' is not allowed in an expression", "write == to compare"),
+        (
+            "{for_each: {in: [1], item: c, child: {wait: 1}}}",
+            "unknown port 'in'",
+            "here it is 'items'",
+        ),
+        (
+            "{while: {condition: true, child: {wait: 1}}}",
+            "a node, not true",
+            "as a condition: {test",
+        ),
+        ("{ring: {radius: 0.05}}", "no node or skill 'ring'", "it is a subtree: subtree: {use: r"),
+        ("{subtree: {use: ring, params: {radius: 5}}}", "radius: must be at most 0.1, not 5", ""),
+        ("{subtree: {use: turn, params: {to: home}}}", "to: expected a mapping, not text 'h", ""),
+    ],
+)
+def test_words_and_signs_of_other_languages_have_one_error_with_ours(
+    node: str, message: str, hint: str
+) -> None:
+    """A wrong value of a subtree's parameter was an error where it is used, too."""
+    [problem] = check(WORDS.format(node=node), Registry.load().kinds).problems
+    assert message in problem.message
+    assert problem.hint.startswith(hint)
 
 
 PARAMETERS = """\
