@@ -41,6 +41,7 @@ WRITES_TREES = {"testing.py"}
 
 OTHER_MEANINGS = {
     ("spec/parser.py", "subtree"),  # a type of name, in a message
+    ("spec/checks.py", "subtree"),  # a category of names
     ("cli/bt_run.py", "log"),  # a display with one line per event
     ("runtime/display.py", "log"),
     ("spec/document.py", "set"),  # the name of a set of numbers
