@@ -28,6 +28,7 @@ from bt_dualarm.core.free_axes import AXES, REMEDY, FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.kinematics.solver import Chain
+from bt_dualarm.perception.detection import ColorlessError, color_of
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
 from bt_dualarm.robots.meshes import MeshError, refuse_object_mesh
 from bt_dualarm.robots.robot import Robot, degrees_within, is_description_path, problems_of
@@ -43,6 +44,7 @@ from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.looking import SightPorts
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.goals import SECTIONS
@@ -340,7 +342,10 @@ class Names:
                         self._add(path, complaint)
 
     def _unknown(self, path: DataPath, what: str, given: str, known: Iterable[str]) -> None:
-        self._add(path, f"there is no {what} '{given}'", _known(given, known))
+        hint = _known(given, known)
+        if what == "robot" and given.lower().endswith((".urdf", ".xacro")):
+            hint = f"a robot is a description of it: bt-robot {given} --out NAME.yaml writes one"
+        self._add(path, f"there is no {what} '{given}'", hint)
 
     def _add(self, path: DataPath, message: str, hint: str = "", *, key: bool = False) -> None:
         self.problems.append(self.source.problem(path, message, hint, key=key))
@@ -537,6 +542,35 @@ def _nearest_marker(wanted: MarkerSpec, borne: Mapping[str, MarkerSpec]) -> tupl
             return message, f"did you mean dictionary: {marker.dictionary}?"
     known = ", ".join(f"{marker.id} of {marker.dictionary}" for marker in borne.values())
     return f"no object has {which}", f"there are {known}" if known else "no object has a marker"
+
+
+def undetectable(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Yields a warning for every object that a leaf looks for and that no camera can detect.
+
+    Args:
+        file: File without errors.
+        kinds: All node types, by name.
+    """
+    for arm in file.arms.values():
+        for node in arm.tree.walk():
+            kind = kinds.get(node.kind)
+            obj = file.objects.get(str(node.ports.get("object")))
+            if obj is None or kind is None or not issubclass(kind.ports, SightPorts):
+                continue
+            message = ""
+            if node.ports.get("by", "color") == "marker":
+                message = "" if obj.marker else "it has no marker"
+                hint = "`marker` of the object; or leave out `by`"
+            elif node.ports.get("color") is None:
+                try:
+                    color_of(obj)
+                except ColorlessError as error:
+                    message = str(error)
+                    hint = "`color` of the object, or of the leaf; or a marker"
+            if message:
+                name = node.ports["object"]
+                message = f"{node.kind}: object: {name} cannot be detected: {message}"
+                yield replace(node.port_problem(("object",), message, hint), severity="warning")
 
 
 _SURE_M: Final = 0.005
@@ -870,6 +904,7 @@ def check(
         *overloads(file, robots, kinds),
         *joint_actions(file, robots, kinds),
         *missing_markers(file, kinds),
+        *undetectable(file, kinds),
         *unknown_places(file, kinds),
     )
     return Checked(file, in_order((*loaded.problems, *warnings)))

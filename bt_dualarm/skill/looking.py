@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal, NamedTuple, TypeAlias
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.collision.support import bearing_ahead
@@ -75,6 +75,17 @@ class SightPorts(PortModel):
         "zone of the cell, or region of the world, in which the objects are; what is elsewhere is "
         "ignored",
     )
+
+    @model_validator(mode="after")
+    def _has_a_whole_shape(self) -> SightPorts:
+        if self.shape is not None:
+            if self.size is None or self.color is None:
+                raise ValueError("a shape needs its size and color")
+            wanted = len(SIZES[self.shape])
+            if len(self.size) != wanted:
+                found = len(self.size)
+                raise ValueError(f"the size of a {self.shape} has {wanted} numbers, not {found}")
+        return self
 
     @property
     def is_by_marker(self) -> bool:

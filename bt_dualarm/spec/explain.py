@@ -580,6 +580,8 @@ class _Explainer:
                 is_of_texts = any(_names_instead(get_args(one)[0]) is None for one in lists)
                 if isinstance(given, str) and is_name(given) and is_of_texts:
                     return f"as a list: [{given}]"
+                if isinstance(given, (int, float)) and not isinstance(given, bool):
+                    return _example(field) or f"as a list: [{given:g}]"
                 return (isinstance(given, str) and list_of(given)) or _example(field)
             if isinstance(given, str) and details["type"] in ("float_type", "int_type") and field:
                 return _braced(given) or bare(given, unit_of(field))

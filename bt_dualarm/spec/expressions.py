@@ -43,6 +43,7 @@ from bt_dualarm.spec.node_types import (
     is_expression,
     key_name,
     reference_of,
+    scaled,
     shown,
 )
 from bt_dualarm.spec.problems import nearest, suggestion
@@ -243,7 +244,7 @@ def _number(match: re.Match[str], start: int) -> tuple[Data, ValueType]:
     if match["unit"] is None:
         return value, BARE
     factor, dimension = UNITS[match["unit"]]
-    return value * factor, ValueType("number", dimension)
+    return scaled(value, factor), ValueType("number", dimension)
 
 
 _ALLOWED: Final = (

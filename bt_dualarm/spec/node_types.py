@@ -96,7 +96,18 @@ def number_in(text: str, unit: str) -> float | None:
     match = QUANTITY.fullmatch(text)
     if match is None or match[2] not in others:
         return None
-    return float(match[1]) * others[match[2]]
+    return scaled(float(match[1]), others[match[2]])
+
+
+def scaled(number: float, factor: float) -> float:
+    """A number of a unit in another one: 35 cm is 0.35 m, and 35 times 0.01 is more than that.
+
+    Args:
+        number: The number.
+        factor: Size of its unit in the other one.
+    """
+    parts = round(1.0 / factor)
+    return number / parts if factor < 1.0 and 1.0 / parts == factor else number * factor
 
 
 def bare(text: str, unit: str) -> str:
@@ -113,7 +124,7 @@ def bare(text: str, unit: str) -> str:
         if len(others) > 1:
             return f"in {name}, or with a unit: {', '.join(others)}"
         return f"in {name}" if unit else ""
-    number = float(match[1]) * factors[match[2].lower()]
+    number = scaled(float(match[1]), factors[match[2].lower()])
     words = f"in {name}" if unit else name
     return f"{words}: {number:.6g}"
 

@@ -139,7 +139,8 @@ def suggestion(given: object, valid: Iterable[str], noun: str) -> str:
 
 
 _SYNONYMS: Final[Mapping[str, str]] = {
-    "pos": "xyz", "position": "xyz", "translation": "xyz", "x": "xyz", "y": "xyz", "z": "xyz",
+    "pos": "xyz pose", "position": "xyz pose", "translation": "xyz",
+    "x": "xyz", "y": "xyz", "z": "xyz",
     "orientation": "rpy", "rotation": "rpy", "euler": "rpy", "roll": "rpy", "pitch": "rpy",
     "yaw": "rpy", "quaternion": "quat",
     "count": "times", "attempts": "times", "num_attempts": "times", "num_cycles": "times",
@@ -160,6 +161,8 @@ _SYNONYMS: Final[Mapping[str, str]] = {
     "grey": "gray", "none": "ideal", "real": "lab",
     "float": "number", "double": "number", "int": "integer", "bool": "boolean", "string": "text",
     "str": "text", "array": "vector",
+    "static": "fixed", "revolute": "hinge", "continuous": "hinge", "prismatic": "slide",
+    "speed": "velocity limits", "limit": "range", "limits": "range",
     "as": "item", "var": "item", "variable": "item", "in": "items", "list": "items",
 }  # fmt: skip
 """Names and values of other libraries and formats, each with those that stand for it here."""

@@ -34,6 +34,7 @@ from bt_dualarm.spec.node_types import (
     PortModel,
     Unit,
     port,
+    scaled,
 )
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.yaml_reader import Data, Json, flow_text, with_tuples
@@ -126,7 +127,7 @@ def _quantity(value: Data, units: Mapping[str, float]) -> Data:
         if meant is not None and unit in units:
             text += f" (did you mean '{meant[1]} {unit}'?)"
         raise ValueError(text)
-    return float(match[1]) * units[match[2]]
+    return scaled(float(match[1]), units[match[2]])
 
 
 def _seconds(value: Data) -> Data:

@@ -22,7 +22,7 @@ bt_dualarm: 1
 name: task
 world: {{scene: {scene}}}
 objects:
-  {obj}: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.4, 0, 0.1]}}}}
+  {obj}: {{shape: box, size: [0.05,0.05,0.05], mass: 0.1, color: red, pose: {{xyz: [0.4, 0, 0.1]}}}}
 arms:
   arm1:
     robot: {robot}
@@ -131,6 +131,36 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
     found = problems_of(tmp_path, registry, tree=tree)
     assert [problem.severity for problem in found] == (["warning"] if words else [])
     assert all(words in problem.message for problem in found)
+
+
+@pytest.mark.parametrize(
+    ("color", "ports", "words"),
+    [
+        ("gray", "", "gray is not a color that a camera can find"),
+        ("[0.4, 0.4, 0.4]", "", "is too gray or too dark for a camera to find"),
+        ("gray", ", color: red", ""),
+        ("red", "", ""),
+        ("red", ", by: marker", "it has no marker"),
+    ],
+)
+def test_an_object_that_no_camera_can_detect_is_a_warning(
+    color: str, ports: str, words: str, tmp_path: Path, registry: Registry
+) -> None:
+    """The check found the file fine, and the leaf failed with INVALID_TARGET."""
+    file = FILE.format(**{**GOOD, "tree": f"{{locate: {{object: cube{ports}}}}}"})
+    path = tmp_path / "task.yaml"
+    path.write_text(file.replace("color: red", f"color: {color}", 1))
+    found = check(path, registry.kinds).problems
+    assert [one.severity for one in found] == (["warning"] if words else [])
+    assert all(words in one.message for one in found)
+
+
+def test_a_joint_may_be_locked_at_its_limit_with_a_unit(tmp_path: Path, registry: Registry) -> None:
+    """35 times 0.01 is more than 0.35: it was beyond the limit, and so was said to be 0.35 m."""
+    path = tmp_path / "task.yaml"
+    arm = "{robot: tiago, locked: {torso_lift_joint: 35 cm}, tree: {go_home: {}}}"
+    path.write_text(f"bt_dualarm: 1\nworld: {{scene: empty}}\narms: {{arm1: {arm}}}\n")
+    assert check(path, registry.kinds).problems == ()
 
 
 PICKING = """\

@@ -186,6 +186,11 @@ def test_wrong_value_of_a_parameter_is_one_error_with_its_name_and_unit(
         ("{move_until_contact: {direction: [0, 0, 1e-9]}}", ZERO),
         ("{force_above: {force: 20, direction: [0, 0, 0]}}", ZERO),
         ("{go_home: {skip_if: {force_above: {force: 9, direction: [0, 0, 0]}}}}", ZERO),
+        ("{locate: {shape: box, color: red}}", "locate: a shape needs its size and color"),
+        (
+            "{locate: {shape: box, size: [0.05], color: red}}",
+            "locate: the size of a box has 3 numbers, not 1",
+        ),
         (
             "{insert: {object: peg, into: peg, at: {xyz: [0.4, 0, 0.5]}}}",
             "insert: into: 'peg' cannot go into itself",
