@@ -340,6 +340,9 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
         parser.error("--real-time and --resume cannot be combined")
     if arguments.frames and arguments.record is None:
         parser.error("--frames writes images to a record; add --record DIR")
+    for name in () if arguments.view else ("view_port", "view_host"):
+        if getattr(arguments, name) != parser.get_default(name):
+            parser.error(f"--{name.replace('_', '-')} is for the page of a run; add --view")
     if arguments.file is None and arguments.resume is None:
         parser.error("no tree file given (bt-run --list lists the shipped trees)")
     if arguments.faults is not None and arguments.resume is not None:

@@ -65,10 +65,11 @@ def find_tree(given: str) -> Path:
         raise NoSuchTree(f"{given}: is a folder, not a tree file")
     if path.exists():
         raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
-    beside = [tree.name for tree in sorted(path.parent.glob("*.yaml"))] if "." in given else []
+    # By what is before the ending, which all of them have in common.
+    beside = [tree.stem for tree in sorted(path.parent.glob("*.yaml"))] if "." in given else []
     near = difflib.get_close_matches(name, names, n=1)
-    files = difflib.get_close_matches(path.name, beside, n=1)
-    near = [str(path.with_name(file)) for file in files] or near
+    files = difflib.get_close_matches(path.stem, beside, n=1)
+    near = [str(path.with_name(f"{file}.yaml")) for file in files] or near
     own = path.with_name(f"{path.name}.yaml") if path.name else path
     near = [str(own)] if own.is_file() else near
     hint = f"did you mean '{near[0]}'?" if near else f"shipped trees: {', '.join(names)}"

@@ -16,6 +16,14 @@ def test_a_file_of_a_similar_name_is_suggested(tmp_path: Path) -> None:
     assert f"did you mean '{tmp_path / 'cell.yaml'}'?" in str(refused.value)
 
 
+def test_a_file_with_only_the_ending_in_common_is_not_suggested(tmp_path: Path) -> None:
+    """'lk.yaml' was suggested for 'nofile.yaml'."""
+    (tmp_path / "lk.yaml").write_text("bt_dualarm: 1\n")
+    with pytest.raises(NoSuchTree) as refused:
+        find_tree(str(tmp_path / "nofile.yaml"))
+    assert "lk" not in str(refused.value).replace(str(tmp_path), "")
+
+
 def test_a_file_named_without_its_ending_is_suggested(tmp_path: Path) -> None:
     """Shipped trees have none, and only these were listed."""
     (tmp_path / "circlet.yaml").write_text("bt_dualarm: 1\n")
