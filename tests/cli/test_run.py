@@ -183,7 +183,7 @@ def test_bad_file_is_code_2_with_the_places_of_its_errors(
         (["circle", "--display", "film"], "invalid choice"),
         (["circle", "--param", "speed"], "NAME=VALUE"),
         (["circle", "--view-port", "8000"], "--view-port is for the page of a run; add --view"),
-        (["circle", "--view-host", "0.0.0.0"], "--view-host is for the page of a run; add --vi"),
+        (["circle", "--view-host", "10.0.0.2"], "--view-host is for the page of a run; add --vi"),
         (["circle", "--sed", "3", "--wrong"], "unrecognized"),
     ],
 )
