@@ -304,12 +304,22 @@ class _Exceptions(logging.Handler):
 
 def try_program(seed: int) -> Tree:
     """Run a program; returns its findings, and each leaf's kind and end."""
+    return findings_of(program(seed))
+
+
+def findings_of(file: Tree, judge: Callable[[Any], list[str]] = lambda _: []) -> Tree:
+    """Run a tree file; returns its outcome, its findings, and each leaf's kind and end.
+
+    Args:
+        file: The file, as Python data.
+        judge: Returns further findings of a run that has ended.
+    """
     handler = _Exceptions()
     log = logging.getLogger("bt_dualarm")
     log.addHandler(handler)
     try:
-        with bt.open(program(seed)) as run:
-            findings = [*_watched(run)]
+        with bt.open(file) as run:
+            findings = [*_watched(run), *judge(run)]
             result = run.result
     except (OverlapError, SpecError) as error:  # arms or objects that are drawn within each other
         return {"outcome": "SKIPPED", "findings": [], "leaves": [], "why": str(error)[:200]}
@@ -318,7 +328,7 @@ def try_program(seed: int) -> Tree:
     finally:
         log.removeHandler(handler)
     findings += handler.seen
-    if str(result.outcome) not in ("SUCCESS", "UNFINISHED"):
+    if str(result.outcome) not in ("SUCCESS", "FAILURE", "UNFINISHED"):
         findings.append(f"{result.outcome}: {result.ending} {result.error}")
     findings += ["not at rest"] * (not result.at_rest)
     for name, arm in result.arms.items():
@@ -369,6 +379,7 @@ def _suspect(name: str, arm: bt.ArmResult) -> Iterator[str]:
         if (
             before is not None
             and (before.status, leaf.status) == ("FAILURE", "SUCCESS")
+            and before.code != "PARTNER_GONE"
             and leaf.started_s - (before.ended_s or 0.0) < _AGAIN_S
         ):
             yield f"{name}: {leaf.path} failed once: {before.code} {before.reason}"

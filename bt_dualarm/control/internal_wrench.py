@@ -32,7 +32,6 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.arm_models import BORNE_GYRATION_M, NominalArm
 from bt_dualarm.sim.devices import ArmHardware
-from bt_dualarm.trajectory.set_points import SetPoint
 
 _FORCE_GAIN: Final = 1e-4
 """Speed at which a grasp yields to an internal force, m/s per N: an arm with a stiffness of 50 N/mm
@@ -244,8 +243,7 @@ class InternalWrenchRegulator:
         self._aimed = np.zeros((len(arms), 6))
         self._speed = np.zeros((len(arms), 6))
         self._yielded = np.zeros((len(arms), 6))
-        dof = max(part.stop for part in parts.values())
-        self._added = SetPoint(np.zeros(dof), np.zeros(dof), np.zeros(dof))
+        self._dof = max(part.stop for part in parts.values())
         self._has_looked = False
         self._support_n: float | None = None
 
@@ -257,8 +255,6 @@ class InternalWrenchRegulator:
                 carry all of it. None if they do not know its mass.
         """
         self._support_n = support_n
-        zero = np.zeros_like(self._added.q)
-        self._added = SetPoint(zero, zero, zero)
         self._share = 0.0
         self._aimed[:] = 0.0
         self._speed[:] = 0.0
@@ -307,11 +303,11 @@ class InternalWrenchRegulator:
         self.strain_m = float(np.linalg.norm(self._strain[:, :3], axis=1).max())
         return found, strain
 
-    def __call__(self, time: float) -> SetPoint:
-        """Correction of the set-points of all joints, side by side, at a simulated time in s."""
+    def __call__(self, time: float) -> Vector:
+        """Velocities that all joints should add, side by side, rad/s, at a simulated time in s."""
         found, strain = self.look(time)
         self._share = min(self._share + self._period / _EASE_S, 1.0)
-        velocity = np.empty_like(self._added.q)
+        velocity = np.empty(self._dof)
         new = -np.expm1(-self._period / _SMOOTH_S)
         for i, arm in enumerate(self._arms.values()):
             wanted = self._share * self._wanted(found[i], strain[i], self._yielded[i])
@@ -319,12 +315,7 @@ class InternalWrenchRegulator:
             self._speed[i] += new * (self._aimed[i] - self._speed[i])
             self._yielded[i] += self._period * self._speed[i]
             velocity[self._parts[i]] = arm.joint_velocity(self._speed[i])
-        # Positions are the integral of the velocities that are sent with them, so that the sum of
-        # motion and correction is a consistent set-point for the limiter.
-        before = self._added
-        q = before.q + 0.5 * self._period * (before.v + velocity)
-        self._added = SetPoint(q, velocity, (velocity - before.v) / self._period)
-        return self._added
+        return velocity
 
     @staticmethod
     def _wanted(internal: Vector, strain: Vector, yielded: Vector) -> Vector:

@@ -59,6 +59,7 @@ _STEADY: Final = 0.6  # fraction of a descent's speed above which a stopped hand
 _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
 _CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its bound
 _ROOM: Final = 0.97  # fraction of the limits that motions use; the rest is for corrections
+_JERK_ROOM: Final = 0.85  # the same of the jerk: without it, a correction goes on at random
 _STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per half of its length
 _SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arms may cause
 _ROOM_M: Final = 0.012  # opening on each side of the object for the retreat
@@ -627,7 +628,9 @@ class _Coupled:
         world = self._arm.world
         parts = self._kinematics.parts
         limits = stacked_limits({name: world.robots[name].limits for name in parts})
-        motion = time_path(path.rows, limits.scaled(_ROOM * speed), self._arm.period)
+        allowed = limits.scaled(_ROOM * speed)
+        allowed = replace(allowed, jerk=np.minimum(allowed.jerk, _JERK_ROOM * limits.jerk))
+        motion = time_path(path.rows, allowed, self._arm.period)
         scale = 1.0
         for name, part in parts.items():
             own = Trajectory(

@@ -8,11 +8,12 @@ apart. The motion begins once every arm follows it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.trajectory.set_points import PathParameter, ScaledPiece, SetPoint, TrajectorySource
 from bt_dualarm.trajectory.trajectory import Rows, SetPoints, Trajectory, joined
@@ -20,18 +21,18 @@ from bt_dualarm.trajectory.trajectory import Rows, SetPoints, Trajectory, joined
 _NEXT: float = 0.75
 """Fraction of a period after which the motion advances: controllers may be half a period apart."""
 
-_FADE_1_S: float = 60.0
-"""Rate at which the velocity of a correction fades once the motion ends or brakes, 1/s: fast
-corrections cannot stop within one period without breaking the jerk limits."""
-
 _FADED: float = 1e-2
-"""Fraction of the limits below which what is left of it ends at once."""
+"""Fraction of the limits below which what is left of a correction ends at once."""
+
+_LEAST_JERK: float = 0.02
+"""Fraction of the jerk limits that a correction always has: otherwise it could not end."""
 
 _LONGEST_S: float = 1.0
 """Longest time for which a correction continues at the end of the trajectory, s."""
 
-Correction = Callable[[float], SetPoint]
-"""Returns what is added to the set-points of all arms at a simulated time in s."""
+Correction = Callable[[float], Vector]
+"""Returns the velocity, of shape (n,), rad/s, that all joints should have in addition to the
+motion, at a simulated time in s."""
 
 
 def stacked_limits(limits: Mapping[str, JointLimits]) -> JointLimits:
@@ -52,8 +53,9 @@ class CoupledMotion:
         trajectory: Motion of all joints, side by side, from rest to rest.
         parts: Columns of each arm's joints.
         limits: Limits of all joints, side by side, which changes of the time scale keep.
-        correction: Correction of the set-points, called once per period while the arms follow the
-            motion; None for none. It begins at zero.
+        correction: Correction of the motion, called once per period while the arms follow it; None
+            for none. It begins at zero, and sets in as fast as the motion leaves room within the
+            limits: by noise of the sensors, it would break the jerk limits of a slow arm.
         is_needed: Whether the correction must continue at the end of the trajectory, before the
             motion has ended; for `_LONGEST_S` at most.
     """
@@ -80,6 +82,7 @@ class CoupledMotion:
         rest = np.zeros_like(trajectory.start)
         self._sent = SetPoint(trajectory.start.copy(), rest, rest)
         self._last = SetPoint(trajectory.end.copy(), rest, rest)
+        self._plain_a = rest  # acceleration without correction
         self._added = SetPoint(rest, rest, rest)
         self._fading: list[SetPoint] | None = None
         self._is_cancelled = False
@@ -129,11 +132,14 @@ class CoupledMotion:
                 self._ended_at = time if self._ended_at is None else self._ended_at
                 is_late = time - self._ended_at >= _LONGEST_S
                 if self._is_needed is None or is_late or not self._is_needed():
-                    self._fade()
+                    self._fade([sent.a])
             if self._fading is not None:
                 self._added = self._fading.pop(0) if self._fading else self._rested()
             elif self.correction is not None:
-                self._added = self.correction(time)
+                self._added = self._toward(
+                    self.correction(time), self._added, self._plain_a, sent.a
+                )
+            self._plain_a = sent.a
             more = self._added
             self._sent = SetPoint(sent.q + more.q, sent.v + more.v, sent.a + more.a)
         part = self._parts[arm]
@@ -150,10 +156,10 @@ class CoupledMotion:
             return
         self.is_braking = True
         self._is_cancelled = not self.has_begun
-        self._fade()
         ahead = None if self._is_cancelled else self.common.to_rest_after(0, 0.0, self.limits)
         if ahead is not None:
             self.common.take(ahead)
+        self._fade([self._plain_a] if ahead is None else [*ahead.motion.a[1:]])
 
     def remaining(self, arm: str) -> Trajectory | None:
         """Set-points of an arm from the last one on while all brake; None if none are known."""
@@ -173,23 +179,58 @@ class CoupledMotion:
         )
         return Trajectory(braking.dt, *rows)
 
-    def _fade(self) -> None:
-        """Let the correction come to rest: critically damped from its velocity."""
+    def _fade(self, ahead: Sequence[Vector]) -> None:
+        """Let the correction come to rest.
+
+        Args:
+            ahead: Accelerations of the motion from the next set-point on, each of shape (n,),
+                rad/s²; the last one stays.
+        """
         if self._fading is not None:
             return
         self._fading = []
         dt = self.trajectory.dt
         limits = self.limits
-        q, v, a = self._added
-        step = np.array([[0.0, 1.0], [-(_FADE_1_S**2), -2.0 * _FADE_1_S]]) * dt
-        advance = np.linalg.inv(np.eye(2) - 0.5 * step) @ (np.eye(2) + 0.5 * step)
-        while (np.abs(v) > _FADED * limits.acceleration * dt).any() or (
-            np.abs(a) > _FADED * limits.jerk * dt
+        now = self._added
+        rest = np.zeros_like(now.v)
+        before = self._plain_a
+        while (np.abs(now.v) > _FADED * limits.acceleration * dt).any() or (
+            np.abs(now.a) > _FADED * limits.jerk * dt
         ).any():
-            new = advance @ np.array((v, a))
-            q = q + 0.5 * dt * (v + new[0])
-            v, a = new
-            self._fading.append(SetPoint(q, v, a))
+            after = ahead[min(len(self._fading), len(ahead) - 1)]
+            now = self._toward(rest, now, before, after)
+            before = after
+            self._fading.append(now)
+
+    def _toward(self, wanted: Vector, now: SetPoint, before: Vector, after: Vector) -> SetPoint:
+        """The correction one period later, as near to a velocity as the limits allow.
+
+        All joints of an arm change in proportion, so that its tool moves as wanted. The change of
+        velocity is one that can end at the wanted velocity, within the jerk that is left.
+
+        Args:
+            wanted: Wanted velocity, of shape (n,), rad/s.
+            now: The correction now.
+            before: Acceleration of the motion without correction now, of shape (n,), rad/s².
+            after: The same one period later.
+        """
+        dt = self.trajectory.dt
+        limits = self.limits
+        jerk = np.maximum(limits.jerk - np.abs(after - before) / dt, _LEAST_JERK * limits.jerk)
+        most = np.maximum(limits.acceleration - np.maximum(np.abs(before), np.abs(after)), 1e-9)
+        missing = wanted - now.v
+        a = np.empty_like(now.a)
+        for part in self._parts.values():
+            ratio = float((np.abs(missing[part]) / jerk[part]).max())
+            rate = min(1.0 / dt, 1.0 / np.sqrt(max(ratio, 1e-12)))
+            aimed = rate * missing[part]
+            aimed /= max(float((np.abs(aimed) / most[part]).max()), 1.0)
+            change = aimed - now.a[part]
+            a[part] = now.a[part] + change / max(
+                float((np.abs(change) / (dt * jerk[part])).max()), 1.0
+            )
+        v = now.v + dt * a
+        return SetPoint(now.q + 0.5 * dt * (now.v + v), v, a)
 
     def _rested(self) -> SetPoint:
         """The correction once it has faded."""

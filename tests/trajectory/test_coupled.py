@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.core.pose import Vector
 from bt_dualarm.robots.robot import JointLimits
-from bt_dualarm.trajectory.coupled import CoupledMotion, CoupledSource, stacked_limits
+from bt_dualarm.trajectory.coupled import (
+    Correction,
+    CoupledMotion,
+    CoupledSource,
+    stacked_limits,
+)
 from bt_dualarm.trajectory.path_timing import time_path
-from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
+from bt_dualarm.trajectory.set_points import TrajectorySource
 
 DT = 0.004
 PARTS = {"arm1": slice(0, 2), "arm2": slice(2, 5)}
@@ -28,17 +32,12 @@ def limits_of(dof: int) -> JointLimits:
     )
 
 
-def motion(correction: Vector | None = None) -> CoupledMotion:
+def motion(correction: Correction | None = None) -> CoupledMotion:
     """A motion of two arms of two and three joints."""
     limits = stacked_limits({"arm1": limits_of(2), "arm2": limits_of(3)})
     rows = np.linspace(0.0, 1.0, 40)[:, None] * np.array((1.0, -0.5, 0.3, 0.8, -0.2))
-    trajectory = time_path(rows, limits, DT)
-
-    def corrected(_: float) -> SetPoint:
-        assert correction is not None
-        return SetPoint(correction, 0 * correction, 0 * correction)
-
-    return CoupledMotion(trajectory, PARTS, limits, None if correction is None else corrected)
+    trajectory = time_path(rows, limits.scaled(0.85), DT)  # the rest is for corrections
+    return CoupledMotion(trajectory, PARTS, limits, correction)
 
 
 def play(coupled: CoupledMotion, halted_at: int | None = None) -> tuple[np.ndarray, int]:
@@ -150,9 +149,31 @@ def test_halt_before_all_arms_have_joined_moves_nothing() -> None:
 
 def test_correction_is_added_to_all_arms() -> None:
     by = np.array((0.01, 0.0, 0.0, -0.02, 0.0))
-    coupled = motion(by)
+    coupled = motion(lambda time: by if time < 1.0 else 0.0 * by)
     rows, _ = play(coupled)
-    np.testing.assert_allclose(rows[-1], coupled.trajectory.end + by)
+    np.testing.assert_allclose(rows[-1], coupled.trajectory.end + by, atol=1e-4)
+
+
+@pytest.mark.parametrize("braked_at", [None, 40, 100])
+def test_noise_in_a_correction_breaks_no_limit(braked_at: int | None) -> None:
+    """Encoders of a slow arm made it break its jerk limits in every third period."""
+    noise = np.random.default_rng(0)
+    coupled = motion(lambda _: noise.normal(0.0, 0.02, 5))
+    sources = [coupled.source(arm) for arm in PARTS]
+    rows = []
+    for step in range(3000):
+        if step == braked_at:
+            coupled.brake()
+        if all(source.done for source in sources):
+            break
+        sent = [source.next(step * DT) for source in sources]
+        rows.append([np.concatenate(one) for one in zip(*sent, strict=True)])
+    q, v, a = np.array(rows).swapaxes(0, 1)
+    # The motion itself uses all of the jerk limit for moments; a correction always has 2 %.
+    assert np.abs(np.diff(a, axis=0)).max() <= 1.02 * 60.0 * DT * (1.0 + 1e-9)
+    assert np.abs(a).max() <= 5.0 * 1.02
+    np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * DT * (v[1:] + v[:-1]), atol=1e-4)
+    assert coupled.is_at_rest
 
 
 @pytest.mark.parametrize(("needed", "seconds"), [(0, 0.0), (75, 75 * DT), (10_000, 1.0)])
@@ -161,20 +182,16 @@ def test_correction_continues_at_the_end_while_needed(needed: int, seconds: floa
     plain = motion()
     before = len(play(plain)[0])
     left = [needed]
-    moved = np.zeros(5)
-
-    def corrected(_: float) -> SetPoint:
-        speed = np.full(5, 1e-3)
-        moved[:] += DT * speed
-        return SetPoint(moved.copy(), speed, 0 * speed)
+    speed = np.full(5, 1e-3)
 
     def is_needed() -> bool:
         left[0] -= 1
         return left[0] >= 0
 
-    coupled = CoupledMotion(plain.trajectory, PARTS, plain.limits, corrected, is_needed)
+    coupled = CoupledMotion(plain.trajectory, PARTS, plain.limits, lambda _: speed, is_needed)
     rows, _ = play(coupled)
     fading_s = 0.3
     assert seconds - DT <= (len(rows) - before) * DT <= seconds + fading_s
     assert coupled.is_at_rest
+    moved = (DT * (before - 1) + seconds) * speed
     np.testing.assert_allclose(rows[-1] - plain.trajectory.end, moved, atol=1e-4)
