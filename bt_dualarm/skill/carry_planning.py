@@ -85,7 +85,9 @@ class CarryPorts(PortModel):
         ge=0.001,
         le=0.1,
     )
-    down_speed: Speed = port(0.003, "fraction of the limits where contact is expected")
+    down_speed: Speed = port(
+        0.1, "fraction of the limits where contact is expected, at 2 mm/s at most"
+    )
     most_internal_force: float = port(
         60.0,
         "largest force with which the arms may press against each other",

@@ -55,6 +55,7 @@ _HOLD_S: Final = 0.15  # time for which the pads must press
 _CLOSING_S: Final = 1.5  # time limit for the fingers to press
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
 _EDGE_S: Final = 0.3  # start of the approach to ignore, while joints break away
+_BRISK: Final = 0.1  # a descent begins with this fraction of the acceleration limits
 _STEADY: Final = 0.6  # fraction of a descent's speed above which a stopped hand is detected
 _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
 _CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its bound
@@ -74,12 +75,16 @@ class _Leg:
     Attributes:
         number: Number of the leg, from 1.
         motion: The motion.
+        regulator: Its correction, which senses how the arms press on the object.
         compliant: Whether the arms comply on contact.
+        top_m_s: Highest speed of the tools, m/s; only of a leg with a bounded one.
     """
 
     number: int
     motion: CoupledMotion
+    regulator: InternalWrenchRegulator
     compliant: bool = False
+    top_m_s: float = 0.0
 
 
 class Carrying:
@@ -595,7 +600,8 @@ class _Coupled:
             found: _Leg = self._joint.messages(leader)["leg"]
             return found
         motion = yield from self._planned(poses, speed, slow)
-        leg = _Leg(number, motion, compliant)
+        top = self._top_speed(motion.trajectory) if slow else 0.0
+        leg = _Leg(number, motion, self._regulator, compliant, top)
         self._joint.send(leg=leg)
         return leg
 
@@ -624,25 +630,33 @@ class _Coupled:
         return self._timed(path, speed, slow)
 
     def _timed(self, path: CarriedPath, speed: float, slow: float) -> CoupledMotion:
-        """Time a path for all arms: as fast as the limits, efforts and grips of all allow."""
+        """Time a path for all arms: as fast as the limits, efforts and grips of all allow.
+
+        Args:
+            path: The path.
+            speed: Fraction of the limits, above 0 to 1.
+            slow: Highest speed of the tools, m/s, which they soon reach; 0 for no such bound.
+        """
         world = self._arm.world
         parts = self._kinematics.parts
         limits = stacked_limits({name: world.robots[name].limits for name in parts})
         allowed = limits.scaled(_ROOM * speed)
         allowed = replace(allowed, jerk=np.minimum(allowed.jerk, _JERK_ROOM * limits.jerk))
+        if slow:
+            allowed = replace(limits.scaled(_BRISK), velocity=allowed.velocity)
         motion = time_path(path.rows, allowed, self._arm.period)
+        top = self._top_speed(motion) if slow else 0.0
+        if top > slow:
+            share = float((np.abs(motion.v) / allowed.velocity).max()) * slow / top
+            slower = replace(allowed, velocity=share * allowed.velocity)
+            motion = time_path(path.rows, slower, self._arm.period)
         scale = 1.0
         for name, part in parts.items():
             own = Trajectory(
                 motion.dt, *(rows[:, part].copy() for rows in (motion.q, motion.v, motion.a))
             )
-            slower = PayloadCheck(world, name).within_efforts(own)
-            scale = min(scale, own.duration / max(slower.duration, 1e-9))
-        if slow:
-            name, part = next(iter(parts.items()))
-            tools = [world.nominal[name].tool_position_at(q) for q in motion.q[:, part]]
-            top = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max(initial=0.0)) / motion.dt
-            scale = min(scale, slow / max(top, 1e-9))
+            within = PayloadCheck(world, name).within_efforts(own)
+            scale = min(scale, own.duration / max(within.duration, 1e-9))
         if scale < 0.999:
             motion = at_scale(motion, scale)
         support: float | None = 0.0
@@ -652,6 +666,16 @@ class _Coupled:
             support = GRAVITY * world.loaded_mass(self._object)
         self._regulator.begin(support)
         return CoupledMotion(motion, parts, limits, self._regulator, self._regulator.is_pressed)
+
+    def _top_speed(self, motion: Trajectory) -> float:
+        """Highest speed of a tool, m/s."""
+        world = self._arm.world
+        top = 0.0
+        for name, part in self._kinematics.parts.items():
+            tools = [world.nominal[name].tool_position_at(q) for q in motion.q[:, part]]
+            steps = np.linalg.norm(np.diff(tools, axis=0), axis=1)
+            top = max(top, float(steps.max(initial=0.0)) / motion.dt)
+        return top
 
     def _execute(
         self, leg: _Leg, done: float, force: float | None = None
@@ -667,22 +691,27 @@ class _Coupled:
         motion = leg.motion
         source = motion.source(arm.name)
         arm.begin_with_others(source, compliant=leg.compliant)
-        sense = None if force is None else _Touchdown(arm, force)
+        sense = None if force is None else _Touchdown(arm, force, leg.top_m_s)
         while not source.done:
             yield done + 0.5 * motion.reached
             arm.check()
             yield from self._grip.watch()
-            self._watch(motion)
+            self._watch(leg)
             self._follow_others(motion)
             if sense is None or not motion.has_begun or motion.is_braking:
                 continue
-            sense.look(motion.common.parameter.scale)
+            sense.look(motion.common.parameter.scale, -float(leg.regulator.total[2]))
             if sense.has_touched:
                 self._joint.send(touched=leg.number)
-                others = [self._joint.messages(name).get("touched") for name in self._joint.others]
-                # One end may touch first: the arms comply, and lower the other end, too.
-                if sense.is_firm or all(number == leg.number for number in others):
-                    motion.brake()
+            others = [self._joint.messages(name).get("touched") for name in self._joint.others]
+            # One end may touch first: the arms comply, and lower the other end, too.
+            has_one_touched = sense.has_ever_touched or leg.number in others
+            if (
+                sense.is_firm
+                or (sense.has_touched and all(number == leg.number for number in others))
+                or (has_one_touched and sense.all_press)
+            ):
+                motion.brake()
         if sense is not None:
             self._metrics["impact_n"] = sense.most
             return
@@ -701,15 +730,13 @@ class _Coupled:
                 motion.brake()
                 self._joint.check()
 
-    def _watch(self, motion: CoupledMotion) -> None:
+    def _watch(self, leg: _Leg) -> None:
         """Bound the internal wrench.
 
         Raises:
             Failure: ``INTERNAL_FORCE``.
         """
-        regulator = motion.correction
-        if not isinstance(regulator, InternalWrenchRegulator):
-            return
+        regulator = leg.regulator
         self._force_n = max(self._force_n, regulator.force_n)
         self._moment_nm = max(self._moment_nm, regulator.moment_nm)
         ports = self._ports
@@ -723,7 +750,7 @@ class _Coupled:
             return
         self._over_since = now if self._over_since is None else self._over_since
         if now - self._over_since >= _CONFIRMED_S:
-            motion.brake()
+            leg.motion.brake()
             raise Failure(
                 "INTERNAL_FORCE",
                 f"the arms press against each other through {self._object!r} with "
@@ -769,26 +796,33 @@ class _Touchdown:
     Args:
         arm: The arm that lowers its hand.
         force: Contact force that counts, N.
+        top_m_s: Speed of the descent, m/s: at much lower speed no contact is detected.
 
     Attributes:
         has_touched: Whether its end of the object touches the support.
+        has_ever_touched: Whether it has done so before.
         is_firm: Whether it presses so hard that all arms must stop.
+        all_press: Whether all arms together press so hard. An arm may not feel that it does: a hand
+            along which the object slides goes on.
         most: Largest force, N.
     """
 
-    def __init__(self, arm: Arm, force: float) -> None:
+    def __init__(self, arm: Arm, force: float, top_m_s: float) -> None:
         down = np.array((0.0, 0.0, -1.0))
         self._sense = TouchSense(arm, down)
-        self._lag = Lag(arm, down, _STEADY * TOUCHDOWN_M_S)
+        self._lag = Lag(arm, down, _STEADY * top_m_s)
         self._force = force
-        self.has_touched = self.is_firm = False
+        self.has_touched = self.has_ever_touched = self.is_firm = self.all_press = False
         self.most = 0.0
+        self._least_n = np.inf
 
-    def look(self, scale: float) -> None:
+    def look(self, scale: float, pressed_n: float) -> None:
         """Take a sample; to be called once per tick.
 
         Args:
             scale: Time scale of the motion.
+            pressed_n: Force with which all arms press the object down, besides its weight, N; any
+                constant may be added to it.
         """
         lag = self._lag
         lag.look(scale)
@@ -797,6 +831,9 @@ class _Touchdown:
             return
         self.most = max(self.most, felt)
         self.has_touched = (felt > self._force and lag.has_stopped) or lag.stands
+        self.has_ever_touched = self.has_ever_touched or self.has_touched
+        self._least_n = min(self._least_n, pressed_n)
+        self.all_press = pressed_n - self._least_n > _FIRM * self._force
         self.is_firm = self.has_touched and felt > _FIRM * self._force
 
 

@@ -596,3 +596,47 @@ def test_hands_that_hold_a_light_object_softly_feel_its_support(
     assert result.outcome == "SUCCESS", str(result)
     for arm in ("arm1", "arm2"):
         assert abs(leaf(result, arm).metrics["height_off_m"]) < 0.004
+
+
+LIGHT_BAR_ON_A_STAND = """
+bt_dualarm: 1
+world: {{scene: empty, reality: {reality}, seed: {seed}, time_limit: 60}}
+objects:
+  stand:
+    {{shape: box, size: [0.2, 0.2, 0.15], fixed: true, mass: 10, pose: {{xyz: [{x}, {y}, 0.075]}}}}
+  bar:
+    shape: box
+    size: [0.5, 0.035, 0.035]
+    mass: {mass}
+    pose: {{xyz: [{x}, {y}, 0.168], rpy: [0, 0, {yaw}]}}
+arms:
+  arm1:
+    robot: {first}
+    gripper: {hand}
+    base: {{xyz: [0, 0, 0.15], rpy: [0, 0, {yaw}]}}
+    tree: {{carry_together: {{object: bar, with: [arm2], to: {{xyz: [{to}, {y}, 0.1675]}}}}}}
+  arm2:
+    robot: {second}
+    gripper: robotiq_2f85
+    base: {{xyz: [{away}, 0, 0.15], rpy: [0, 0, 180]}}
+    tree: {{carry_together: {{object: bar, with: [arm1]}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        # A fraction of the limits of this arm's joints is a slow descent, which counted as none.
+        {"first": "ur3e", "hand": "robotiq_2f85", "second": "fr3", "away": 1.113, "mass": 0.2}
+        | {"x": 0.497, "to": 0.517, "y": -0.104, "yaw": -12, "reality": "lab", "seed": 171},
+        # The bar slides along the fingers of one hand, which goes on, while both press it down.
+        {"first": "fr3", "hand": "panda_hand", "second": "panda", "away": 1.199, "mass": 0.15}
+        | {"x": 0.6, "to": 0.62, "y": -0.145, "yaw": 9, "reality": "rough", "seed": 0},
+    ],
+)
+def test_hands_stop_where_a_light_object_touches(file: dict[str, Any]) -> None:
+    """They went on by 4 to 11 mm: NOT_REACHED, or the object was pressed out of the fingers."""
+    result = bt.run(LIGHT_BAR_ON_A_STAND.format(**file))
+    assert result.outcome == "SUCCESS", str(result)
+    for arm in ("arm1", "arm2"):
+        assert abs(leaf(result, arm).metrics["height_off_m"]) < 0.003
