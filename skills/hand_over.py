@@ -41,6 +41,7 @@ _LEVEL = 0.4  # horizontal share of a load that is still one by the weight
 _PUSHED_N = 4.0  # change of the load that shows that the taker has met the object
 _FELT_N = 0.6  # weight above which pads tell whether it has become lighter
 _LIGHTER_S = 1.0  # time limit to measure that once the taker carries
+_MOST_RAISES = 12  # number of times that the taker is asked to raise the object a little more
 
 
 class HandOver(Skill):
@@ -253,7 +254,7 @@ class HandOver(Skill):
         sense = yield from self._until_carried(joint, taker, number, before, weight)
         if messages(taker).get("carries") != number:
             return False
-        yield from self._has_become_lighter(joint, sense, before, weight)
+        yield from self._has_become_lighter(joint, number, sense, before, weight)
         joint.send(releasing=True)
         # The taker answers that it keeps the object, and does so even if its leaf ends now.
         for _ in joint.until(lambda: "keeps" in messages(taker)):
@@ -310,10 +311,20 @@ class HandOver(Skill):
         return -float(load[2]) if is_plausible else None
 
     def _has_become_lighter(
-        self, joint: JointPart, sense: LoadSense, before: np.ndarray, weight: float | None
+        self,
+        joint: JointPart,
+        number: int,
+        sense: LoadSense,
+        before: np.ndarray,
+        weight: float | None,
     ) -> Iterator[float]:
-        """Wait until the pads feel that the object has become lighter, if they can."""
+        """Wait until the pads feel that the object has become lighter, if they can.
+
+        The arms go on to press each other apart after the taker has felt the weight, which may load
+        this one again: the taker is then asked to raise the object a little.
+        """
         began = self.time
+        raises = 0
         while sense.is_tactile and weight is not None and weight > _FELT_N:
             load = sense.look()
             lighter = float(load[2] - before[2])
@@ -323,14 +334,29 @@ class HandOver(Skill):
             joint.check()
             self.arm.check()
             if self.time - began > _LIGHTER_S:
-                raise Failure(
-                    "NOT_TAKEN",
-                    f"{self.ports.to} reports that it carries {self.ports.object!r}, but "
-                    f"the weight here has decreased by only {lighter:.1f} of {weight:.1f} N",
-                    weight_n=weight,
-                    lighter_n=lighter,
-                )
+                if raises >= _MOST_RAISES:
+                    raise Failure(
+                        "NOT_TAKEN",
+                        f"{self.ports.to} reports that it carries {self.ports.object!r}, but "
+                        f"{-float(load[2]):.1f} of {weight:.1f} N are still felt here",
+                        weight_n=weight,
+                        lighter_n=lighter,
+                    )
+                raises += 1
+                joint.send(heavy=(number, raises))
+                for _ in joint.until(partial(_has_raised, joint, self.ports.to, number, raises)):
+                    self.arm.check()
+                    yield 0.7
+                sense = LoadSense(self.arm)
+                while not sense.is_settled:
+                    sense.look()
+                    yield 0.7
             yield 0.7
+
+
+def _has_raised(joint: JointPart, taker: str, number: int, raises: int) -> bool:
+    """Whether the taker has raised the object as often as it was asked to."""
+    return joint.messages(taker).get("raised_more") == (number, raises)
 
 
 def _is_lighter(before: Vector, load: Vector, weight: float | None) -> bool:

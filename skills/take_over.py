@@ -366,9 +366,7 @@ class TakeOver(Skill):
                 yield from self._let_go(name, out)
                 return f"{arm.name}: {failure.code}: {failure.reason}"
             joint.send(carries=plan.number)
-            for _ in joint.until(lambda: "releasing" in joint.messages(giver)):
-                self._watch()
-                yield 0.7
+            yield from self._until_released(joint, giver, plan.number)
             joint.send(keeps=True)
             keeps = True
             yield 0.7
@@ -710,6 +708,21 @@ class TakeOver(Skill):
             f"{giver} feels no loss of weight after {1e3 * _MOST_RAISES * _RAISE_M:.0f} mm",
         )
 
+    def _until_released(
+        self, joint: JointPart, giver: str, number: int
+    ) -> Generator[float | None, None, None]:
+        """Wait for the giver to announce the release; raise the object where it asks for that."""
+        raises = 0
+        while "releasing" not in joint.messages(giver):
+            question = (number, raises + 1)
+            if joint.messages(giver).get("heavy") == question:
+                yield from self._shift(joint, np.array((0.0, 0.0, _RAISE_M)))
+                raises += 1
+                joint.send(raised_more=question)
+            for _ in joint.until(partial(_is_asked, joint, giver, (number, raises + 1))):
+                self._watch()
+                yield 0.7
+
     def _shift(self, joint: JointPart, shift: Vector) -> Iterator[float | None]:
         """Move the set-point of the compliant arm a little, by a vector of shape (3,), m."""
         arm = self.arm
@@ -811,6 +824,12 @@ class TakeOver(Skill):
                 f"{name!r} is {1e3 * error:.0f} mm from where {arm.name} should hold it",
                 held_error_m=error,
             )
+
+
+def _is_asked(joint: JointPart, giver: str, question: tuple[int, int]) -> bool:
+    """Whether the giver announces the release, or asks to raise the object."""
+    messages = joint.messages(giver)
+    return "releasing" in messages or messages.get("heavy") == question
 
 
 def _has_answered(joint: JointPart, giver: str, question: tuple[int, int]) -> bool:

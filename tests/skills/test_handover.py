@@ -524,3 +524,37 @@ def test_place_does_not_depend_on_the_frame_of_the_object(stage: Stage) -> None:
         assert play.leaf("take_over", "arm2").status == "SUCCESS"
         places.append(play.world.object_middle("cube"))
     assert places[0] == pytest.approx(places[1], abs=0.002)
+
+
+PRESSED_AGAIN = """
+bt_dualarm: 1
+world: {scene: empty, reality: rough, seed: 120, time_limit: 60}
+objects:
+  it:
+    shape: box
+    size: [0.169, 0.034, 0.031]
+    mass: 0.31
+    pose: {xyz: [0.482, 0.147, 0.016], rpy: [0, 0, -168]}
+arms:
+  a:
+    robot: z1
+    gripper: panda_hand
+    base: {xyz: [0, 0, 0], rpy: [0, 0, -22]}
+    tree: {sequence: [{grasp: {object: it}}, {hand_over: {object: it, to: b, speed: 0.6}}]}
+  b:
+    robot: ur5
+    gripper: robotiq_2f85
+    base: {xyz: [1.148, 0, 0], rpy: [0, 0, 160]}
+    tree:
+      take_over:
+        object: it
+        from: a
+        speed: 0.7
+        then_at: {xyz: [0.699, -0.339, 0.0155], rpy: [0, 0, 22]}
+"""
+
+
+def test_taker_raises_what_it_lets_weigh_on_the_giver_again() -> None:
+    """After the taker had felt the weight, both arms went on to press each other: NOT_TAKEN."""
+    result = bt.run(PRESSED_AGAIN)
+    assert result.outcome == "SUCCESS", str(result)
