@@ -90,6 +90,8 @@ _BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
 # Costs; all terms are between 0 and about 2.
 
 _POSITION_COST: Final = 3.0
+_STOOD_COST: Final = 3.0  # cost of a hand that has no room where the object stood
+_GROUND_M: Final = 1.0  # half the size of the ground there
 _DOWN_COST: Final = 0.35  # cost if the giver points down instead of toward the taker
 _TURN_COST: Final = 0.4  # cost of rotating the giver's tool by 180°
 _ALIKE_COST: Final = 0.1  # cost of the largest rotation by which an object looks the same
@@ -243,7 +245,19 @@ class HandoverSearch:
 
     def find(self) -> Iterator[HandoverPlan | None]:
         """Yields plans, the best first, and None where a tick passes without one."""
+        found = 0
+        for plan in self._plans():
+            found += plan is not None
+            yield plan
+        # Grasps with room where the object stood may be those that no arm reaches.
+        if not found and self._goal is None and 0 < self._cramped.sum() < len(self._cramped):
+            self._cramped[:] = 0.0
+            yield from self._plans()
+
+    def _plans(self) -> Iterator[HandoverPlan | None]:
+        """Result of `find` for one order of the grasps."""
         number = 0
+        most = self.tries + _TRIES
         sharing = (SharedGrasp(self._giver, self._object, _PLANNED_M),)
         margins = dict.fromkeys(self._world.arms, PLANNING_MARGIN_M)
         obj = frozenset({self._object})
@@ -260,7 +274,7 @@ class HandoverSearch:
             tool = object_pose @ self._in_giver.inverse
             refused = False
             for grasp in self._best(object_pose, tool):
-                if self.tries >= _TRIES or number >= _PLANS or refused:
+                if self.tries >= most or number >= _PLANS or refused:
                     break
                 if grasp is None:
                     yield None
@@ -284,7 +298,7 @@ class HandoverSearch:
                 found.append(plan)
                 yield plan
                 break  # another pose next
-            if self.tries >= _TRIES or number >= _PLANS or self._suits_none:
+            if self.tries >= most or number >= _PLANS or self._suits_none:
                 return
 
     def _try(
@@ -442,6 +456,8 @@ class HandoverSearch:
             self._obstructed_at_goal = bool(grasps) and self._goal is not None
             if self._goal is not None:
                 grasps = self._with_room_at(self._goal, grasps, jaw)
+            else:
+                self._cramped = self._cramped_where_it_stood(grasps, jaw)
             if grasps:
                 break
         return grasps
@@ -461,6 +477,21 @@ class HandoverSearch:
         found = tuple(grasp for grasp in grasps if id(grasp) in free)
         self._cramped = np.array([id(grasp) not in roomy for grasp in found], dtype=float)
         return found
+
+    def _cramped_where_it_stood(self, grasps: tuple[Grasp, ...], jaw: JawMeasures) -> Vector:
+        """Whether the hand would have no room if the object stood as it did at first: 1, else 0.
+
+        Where it will be placed is not known, but most probably the same side is down: a hand that
+        holds it there, or near the ground, could not place it at all.
+        """
+        declared = self._world.declared_objects[self._object]
+        stood = Pose(np.zeros(3), declared.pose.pose.quaternion)
+        down = stood.inverse.turn(np.array((0.0, 0.0, -1.0)))
+        ground = Pose.from_rpy((0.0, 0.0, -self._solid.reach(down) - _GROUND_M))
+        below = Obstacle(Box(np.full(3, _GROUND_M)), ground)
+        order = ranked(grasps, stood, jaw, [below], lambda _: 0.0)
+        roomy = {id(one.grasp) for one in order if one.clearance >= _GOAL_ROOM_M}
+        return np.array([id(grasp) not in roomy for grasp in grasps], dtype=float)
 
     def _hand(self) -> list[Obstacle]:
         """The giver's hand, and what rides on the object, as boxes around their geoms."""
@@ -502,8 +533,8 @@ class HandoverSearch:
             # Near the taker rather than beyond the giver's hand.
             + 4.0 * np.maximum(offsets @ toward, -0.1)
         )
-        if len(self._cramped):  # there is a goal
-            cost += self._cramped
+        if len(self._cramped):  # of fingers
+            cost += self._cramped if self._goal is not None else _STOOD_COST * self._cramped
         chosen = list[Grasp]()
         for index in np.argsort(cost, kind="stable"):
             grasp = self.grasps[index]

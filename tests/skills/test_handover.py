@@ -20,7 +20,7 @@ from tests.skills.scenarios import GIVER, GRASP, ON_SHELF, PICK, TAKER, TAKES, T
 
 GIVE: Tree = {"hand_over": {"object": "cube", "to": "arm2"}}
 NAMES = ("arm1", "arm2")
-HANDED_S = (4.5, 6.8, 7.4, 8.2, 8.6, 8.74, 9.5)
+HANDED_S = (4.5, 6.1, 6.6, 7.4, 7.8, 7.92, 8.7)
 """Moments of the handover of the scenario, s: transport, approach, closing, both hold, promised,
 opening, retreat."""
 
@@ -156,7 +156,7 @@ def test_bar_stays_held_when_one_arm_is_halted(who: str, at: float, stage: Stage
     assert play.world.attachments.shared_grasps("arm1") == ()
 
 
-@pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), (7.8, 8.4, 8.5)), 4))
+@pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), (7.0, 7.6, 7.7)), 4))
 def test_failure_names_the_removed_arm(who: str, at: float, stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     play = stage.run(file, interventions=((at, lambda world: world.remove_arm(who)),))
@@ -191,7 +191,7 @@ def test_another_attempt_completes_a_handover_that_was_cut_off(
     assert watch.unheld_s < 0.02
 
 
-@pytest.mark.parametrize("at", [9.3, 9.5, 9.9])
+@pytest.mark.parametrize("at", [8.5, 8.7, 9.0])
 def test_giver_that_was_halted_in_its_retreat_completes_it(at: float, stage: Stage) -> None:
     """In the first further attempt, although the arm still brakes when that begins."""
     first = {"sequence": [GRASP, GIVE]}
@@ -557,4 +557,38 @@ arms:
 def test_taker_raises_what_it_lets_weigh_on_the_giver_again() -> None:
     """After the taker had felt the weight, both arms went on to press each other: NOT_TAKEN."""
     result = bt.run(PRESSED_AGAIN)
+    assert result.outcome == "SUCCESS", str(result)
+
+
+PLACED_AFTERWARDS = """
+bt_dualarm: 1
+world: {scene: empty, reality: rough, seed: 1033, time_limit: 60}
+objects:
+  from: {shape: box, size: [0.12, 0.12, 0.23], fixed: true, pose: {xyz: [0.347, -0.243, 0.115]}}
+  onto: {shape: box, size: [0.2, 0.2, 0.23], fixed: true, pose: {xyz: [0.908, -0.194, 0.115]}}
+  it:
+    shape: box
+    size: [0.192, 0.036, 0.029]
+    mass: 0.366
+    pose: {xyz: [0.347, -0.243, 0.245], rpy: [0, 0, 15]}
+arms:
+  a:
+    robot: z1
+    gripper: robotiq_2f85
+    base: {xyz: [0, 0, 0.23], rpy: [0, 0, -24]}
+    tree: {sequence: [{grasp: {object: it}}, {hand_over: {object: it, to: b}}, go_home]}
+  b:
+    robot: ur10
+    gripper: robotiq_2f85
+    base: {xyz: [1.633, 0, 0.23], rpy: [0, 0, 167]}
+    tree:
+      sequence:
+        - take_over: {object: it, from: a}
+        - place: {at: {xyz: [0.908, -0.194, 0.2445], rpy: [0, 0, -165]}}
+"""
+
+
+def test_taker_without_a_goal_leaves_free_the_side_on_which_the_object_stood() -> None:
+    """Its hand faced that of the giver, below the object, and could not place it."""
+    result = bt.run(PLACED_AFTERWARDS)
     assert result.outcome == "SUCCESS", str(result)

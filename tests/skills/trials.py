@@ -794,9 +794,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
         GIVE, {"others": partner(TAKER, {"sequence": ["fail", TAKES]})}, moves=True
     ),
     ("hand_over", "NOT_TAKEN"): Trial(
-        GIVE, interventions=((8.65, presses("cube", 12.0)),), moves=True
+        GIVE, interventions=((7.83, presses("cube", 25.0)),), moves=True
     ),
-    ("hand_over", "NOT_OPEN"): Trial(GIVE, interventions=((8.9, jams),), moves=True),
+    ("hand_over", "NOT_OPEN"): Trial(GIVE, interventions=((8.1, jams),), moves=True),
     ("hand_over", "SPILLED"): Trial(GIVE, LOADED_BAR, ((4.5, steals("rider")),), moves=True),
     ("take_over", "SPILLED"): Trial(TAKES_FROM, LOADED_BAR, ((10.5, steals("rider")),), moves=True),
     ("take_over", "GRIPPER_FULL"): Trial(
