@@ -108,6 +108,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.handover import LoadSense as LoadSense
     from bt_dualarm.skill.handover import handover_label as handover_label
     from bt_dualarm.skill.handover import let_go_of as let_go_of
+    from bt_dualarm.skill.handover import let_leave as let_leave
     from bt_dualarm.skill.handover import object_in_hand as object_in_hand
     from bt_dualarm.skill.handover import object_in_tool as object_in_tool
     from bt_dualarm.skill.handover import retreat_from as retreat_from
@@ -367,6 +368,7 @@ _CONTENTS: Final = {
     "LoadSense": "skill.handover:LoadSense",
     "handover_label": "skill.handover:handover_label",
     "let_go_of": "skill.handover:let_go_of",
+    "let_leave": "skill.handover:let_leave",
     "object_in_hand": "skill.handover:object_in_hand",
     "object_in_tool": "skill.handover:object_in_tool",
     "retreat_from": "skill.handover:retreat_from",

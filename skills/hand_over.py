@@ -91,7 +91,8 @@ class HandOver(Skill):
         if taker == arm.name:
             raise Failure("INVALID_TARGET", f"{arm.name} cannot hand over to itself")
         if (yield from self._has_handed_over()):
-            yield from self._retreat()
+            with shared_grasp(arm, taker, name):
+                yield from self._retreat()
             return
         label = handover_label(name, arm.name, taker)
         with JointPart(self.context, label, (arm.name, taker)) as joint:

@@ -30,6 +30,7 @@ from bt_dualarm import (
     Vector,
     handover_label,
     let_go_of,
+    let_leave,
     object_in_hand,
     port,
     shared_grasp,
@@ -160,6 +161,8 @@ class TakeOver(Skill):
         if arm.name in arm.world.grippers:
             yield from arm.gripper.until_decided()
         if (yield from self._has_taken(giver)):
+            for _ in let_leave(arm, giver, name):
+                yield 0.9
             return
         if arm.name in arm.world.grippers:
             arm.gripper.refuse_full()

@@ -27,7 +27,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.passengers import stands_at
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker
-from bt_dualarm.collision.distance import HANDS_M, PLANNING_MARGIN_M
+from bt_dualarm.collision.distance import HANDS_APART_M, HANDS_M, PLANNING_MARGIN_M
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
@@ -40,6 +40,7 @@ from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_approach import refuse_goal
 from bt_dualarm.skill.grasp_search import GRAVITY, obstacles_around
+from bt_dualarm.skill.joint import shared_grasp
 from bt_dualarm.skill.symmetry import poses_alike, turns_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -752,6 +753,33 @@ def let_go_of(arm: Arm, obj: str) -> Iterator[float | None]:
     gripper.let_go(obj)
     arm.known.forget(obj, "it was handed over")
     yield from gripper.until_open(0.05)
+
+
+_LEAVES_S: Final = 10.0
+"""Time limit for a giver that was halted to retreat, s."""
+
+
+def let_leave(arm: Arm, giver: str, obj: str) -> Iterator[None]:
+    """Hold still while the giver's hand leaves the object, if its retreat was halted.
+
+    The hands are nearer to each other than arms otherwise may be. Once no leaf of this arm consents
+    to that any more, the guard would stop the giver where it is. Yields once per tick.
+
+    Args:
+        arm: Arm that has the object.
+        giver: Name of the arm that had it.
+        obj: Name of the object.
+    """
+    began = arm.time
+    with shared_grasp(arm, giver, obj):
+        while giver in arm.world.arms and arm.time - began < _LEAVES_S:
+            apart = CollisionChecker(
+                arm.world, arm.name, {giver: HANDS_APART_M}, frozenset({obj}), sharing=()
+            )
+            found = apart.contact(arm.setpoint.q)
+            if found is None or arm.world.arm_of(found.second) != giver:
+                return
+            yield
 
 
 _LEAST_OPENING_M: Final = 0.006  # minimum increase of the opening for the pads to leave the object

@@ -592,3 +592,46 @@ def test_taker_without_a_goal_leaves_free_the_side_on_which_the_object_stood() -
     """Its hand faced that of the giver, below the object, and could not place it."""
     result = bt.run(PLACED_AFTERWARDS)
     assert result.outcome == "SUCCESS", str(result)
+
+
+HALTED_TAKER = """
+bt_dualarm: 1
+world: {scene: empty, reality: lab, seed: 1012, time_limit: 60}
+objects:
+  from: {shape: box, size: [0.12, 0.12, 0.27], fixed: true, pose: {xyz: [0.648, 0.288, 0.135]}}
+  onto: {shape: box, size: [0.2, 0.2, 0.27], fixed: true, pose: {xyz: [0.77, 0.115, 0.135]}}
+  it:
+    shape: box
+    size: [0.043, 0.042, 0.108]
+    mass: 0.164
+    pose: {xyz: [0.648, 0.288, 0.3245], rpy: [0, 0, 84]}
+subtrees:
+  taking:
+    tree:
+      take_over:
+        object: it
+        from: a
+        then_at: {xyz: [0.77, 0.115, 0.324], rpy: [0, 0, 142]}
+arms:
+  a:
+    robot: ur5e
+    gripper: robotiq_2f85
+    base: {xyz: [0, 0, 0.27], rpy: [0, 0, 11]}
+    tree: {sequence: [{grasp: {object: it}}, {hand_over: {object: it, to: b, speed: 0.6}}]}
+  b:
+    robot: ur3e
+    gripper: robotiq_2f85
+    base: {xyz: [1.148, 0, 0.27], rpy: [0, 0, 186]}
+    tree:
+      sequence:
+        - force_success: {child: {timeout: {seconds: 12, child: {subtree: {use: taking}}}}}
+        - subtree: {use: taking}
+        - wait: 1
+"""
+
+
+def test_taker_that_was_halted_stays_until_the_hand_of_the_giver_has_left() -> None:
+    """Hands that are 11 mm apart may only be so during a handover: the giver stayed for ever."""
+    result = bt.run(HALTED_TAKER)
+    assert result.outcome == "SUCCESS", str(result)
+    assert [leaf.code for leaf in result.arms["b"].runs] == ["HALTED", "", ""]
