@@ -773,9 +773,8 @@ def let_leave(arm: Arm, giver: str, obj: str) -> Iterator[None]:
     began = arm.time
     with shared_grasp(arm, giver, obj):
         while giver in arm.world.arms and arm.time - began < _LEAVES_S:
-            apart = CollisionChecker(
-                arm.world, arm.name, {giver: HANDS_APART_M}, frozenset({obj}), sharing=()
-            )
+            # With the object: moved now, it would turn in this hand at the fingers of the giver.
+            apart = CollisionChecker(arm.world, arm.name, {giver: HANDS_APART_M}, sharing=())
             found = apart.contact(arm.setpoint.q)
             if found is None or arm.world.arm_of(found.second) != giver:
                 return
@@ -829,7 +828,7 @@ def retreat_from(
     """
     yield from arm.come_to_rest()  # the retreat of a halted attempt may still be braking
     ignore = frozenset({obj})
-    directions = _retreat_directions(arm, partner)
+    directions = retreat_directions(arm, partner)
     first: Failure | None = None
     for waits in (False, True):
         for share in _RETREATS_M:
@@ -851,16 +850,21 @@ def retreat_from(
     raise first or Failure("NO_PLAN", "no retreat is possible")
 
 
-def _retreat_directions(arm: Arm, partner: str) -> list[Vector]:
+def retreat_directions(arm: Arm, partner: str) -> list[Vector]:
     """Unit vectors in the world along which an arm may retreat, the preferred one first."""
     here = arm.commanded_tool_pose
     back = -here.rotation_matrix[:, 2]
     up = np.array((0.0, 0.0, 1.0))
-    aside = np.zeros(3)
+    apart = np.zeros(3)
     if partner in arm.world.arms:
         apart = here.position - arm.tool_pose_of(partner).position
         apart -= (apart @ back) * back
-        aside = apart / max(float(np.linalg.norm(apart)), 1e-9)
+    if arm.name in arm.world.grippers and arm.gripper.description.fingers:
+        # The object is between the fingers: across them, one would push it out of the other hand.
+        across = here.rotation_matrix[:, 1]
+        up = up - (up @ across) * across
+        apart -= (apart @ across) * across
+    aside = apart / max(float(np.linalg.norm(apart)), 1e-9)
     found = (back, back + 0.5 * up, back - 0.5 * up, back + 0.5 * aside, back + aside)
     return [direction / float(np.linalg.norm(direction)) for direction in found]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import bt_dualarm as bt
 from bt_dualarm.control.payload_estimation import PayloadEstimator
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.handover import retreat_directions
 from tests.families import some
 from tests.plays import Play, Stage
 from tests.skills.scenarios import GIVER, GRASP, ON_SHELF, PICK, TAKER, TAKES, Tree
@@ -592,6 +594,23 @@ def test_taker_without_a_goal_leaves_free_the_side_on_which_the_object_stood() -
     """Its hand faced that of the giver, below the object, and could not place it."""
     result = bt.run(PLACED_AFTERWARDS)
     assert result.outcome == "SUCCESS", str(result)
+
+
+def test_open_fingers_retreat_along_the_object_not_across_it() -> None:
+    """Aside, toward a finger, one pushed a bar by 12° out of the hand that had just taken it."""
+    here = Pose.from_rpy((0.4, 0.1, 0.3), (180.0, 0.0, 30.0))
+    arm: Any = SimpleNamespace(
+        name="arm1",
+        commanded_tool_pose=here,
+        tool_pose_of=lambda _: here.shifted(np.array((-0.05, 0.06, 0.02))),
+        world=SimpleNamespace(arms=("arm1", "arm2"), grippers=("arm1", "arm2")),
+        gripper=SimpleNamespace(description=SimpleNamespace(fingers=True)),
+    )
+    across = here.rotation_matrix[:, 1]
+    directions = retreat_directions(arm, "arm2")
+    np.testing.assert_allclose([one @ across for one in directions], 0.0, atol=1e-9)
+    arm.gripper.description.fingers = False
+    assert max(abs(one @ across) for one in retreat_directions(arm, "arm2")) > 0.3
 
 
 HALTED_TAKER = """
