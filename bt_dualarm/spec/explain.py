@@ -492,12 +492,23 @@ class _Explainer:
                     yield Finding(path, message, f"{vector}: [{values}]", at_key=True)
                 return
         within = self._within(name) if top and not meant_by(name, valid) else ""
-        hint = within or self._outside(name, location) or suggestion(name, valid, noun)
+        hint = within or self._outside(name, location) or self._chosen(name, location, valid)
+        hint = hint or suggestion(name, valid, noun)
         value = self._at(path)
         has_four = isinstance(value, (list, tuple, dict)) and len(value) == 4
         if has_four and "quat" in valid and meant_by(name, valid):  # other systems begin with x
             hint = "here it is 'quat': [w, x, y, z]"
         yield Finding(path, f"unknown {noun} '{name}'", hint, at_key=True)
+
+    def _chosen(self, name: str, location: Location, valid: frozenset[str]) -> str:
+        """Returns a hint for a value that was written as the name of a field."""
+        if meant_by(name, valid) or nearest(name, valid):
+            return ""
+        for model in models_in(type_at(self.model, location[:-1])):
+            for field, declared in model.model_fields.items():
+                if name in (_names_instead(declared.annotation) or ()):
+                    return f"write {field}: {name}"
+        return ""
 
     def _outside(self, name: str, location: Location) -> str:
         """Returns a hint for a port that was written within another one."""

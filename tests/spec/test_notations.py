@@ -60,6 +60,8 @@ def test_name_in_brackets_is_meant_without_them(field: str, value: str, name: st
     [
         ("reality", "[lab, rough]", "'ideal' or 'lab' or 'rough' or a mapping of set, "),
         ("tree", "{carry_together: {object: peg, with: b}}", "as a list: [b]"),
+        ("reality", "{rough: true}", "write set: rough"),
+        ("tree", "{circle: {yz: 0.1}}", "write plane: yz"),
         ("tree", "{locate: {object: peg, region: 5}}", "a name or a mapping of shape, size, pose"),
         ("tree", "{circle: {plane: [0, 0, 1]}}", "{normal: [0, 0, 1]}"),
         ("tree", POSE.format("[0.4, 0, 1, 180, 0, 0]"), "{xyz: [0.4, 0, 1], rpy: [180, 0, 0]}"),
