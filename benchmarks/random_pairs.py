@@ -333,7 +333,7 @@ class PairAuthor:
                     {"await": "ready"},
                     again,
                     {"release": {}},
-                    {"move_linear": {"offset": {"xyz": [0, 0, 0.08]}, "speed": 0.3, "into": "it"}},
+                    {"move_linear": {"offset": {"xyz": [0, 0, 0.06]}, "speed": 0.3, "into": "it"}},
                     {"signal": "done"},
                     {"go_home": {}},
                 ]

@@ -24,6 +24,9 @@ _NEXT: float = 0.75
 _FADED: float = 1e-2
 """Fraction of the limits below which what is left of a correction ends at once."""
 
+_ROOM_RAD: float = 0.01
+"""Distance from a position limit within which no correction goes on toward it, rad."""
+
 _LEAST_JERK: float = 0.02
 """Fraction of the jerk limits that a correction always has: otherwise it could not end."""
 
@@ -82,6 +85,9 @@ class CoupledMotion:
         rest = np.zeros_like(trajectory.start)
         self._sent = SetPoint(trajectory.start.copy(), rest, rest)
         self._last = SetPoint(trajectory.end.copy(), rest, rest)
+        # Highest and lowest positions from each row of the motion on, of shape (n, dof), rad.
+        self._highest = np.maximum.accumulate(trajectory.q[::-1])[::-1]
+        self._lowest = np.minimum.accumulate(trajectory.q[::-1])[::-1]
         self._plain_a = rest  # acceleration without correction
         self._added = SetPoint(rest, rest, rest)
         self._fading: list[SetPoint] | None = None
@@ -136,9 +142,8 @@ class CoupledMotion:
             if self._fading is not None:
                 self._added = self._fading.pop(0) if self._fading else self._rested()
             elif self.correction is not None:
-                self._added = self._toward(
-                    self.correction(time), self._added, self._plain_a, sent.a
-                )
+                wanted = self._within_positions(self.correction(time))
+                self._added = self._toward(wanted, self._added, self._plain_a, sent.a)
             self._plain_a = sent.a
             more = self._added
             self._sent = SetPoint(sent.q + more.q, sent.v + more.v, sent.a + more.a)
@@ -201,6 +206,22 @@ class CoupledMotion:
             now = self._toward(rest, now, before, after)
             before = after
             self._fading.append(now)
+
+    def _within_positions(self, wanted: Vector) -> Vector:
+        """Wanted velocities of a correction, zero for an arm that it would lead to a joint limit.
+
+        The positions that are still to come count: the motion goes there with the correction.
+        """
+        row = min(int(self.common.parameter.s / self.trajectory.dt), len(self._highest) - 1)
+        above = self.limits.upper - self._highest[row] - self._added.q
+        below = self._lowest[row] + self._added.q - self.limits.lower
+        blocked = (np.where(wanted > 0.0, above, below) < _ROOM_RAD) & (wanted != 0.0)
+        if blocked.any():
+            wanted = wanted.copy()
+            for part in self._parts.values():
+                if blocked[part].any():
+                    wanted[part] = 0.0
+        return wanted
 
     def _toward(self, wanted: Vector, now: SetPoint, before: Vector, after: Vector) -> SetPoint:
         """The correction one period later, as near to a velocity as the limits allow.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -174,6 +176,17 @@ def test_noise_in_a_correction_breaks_no_limit(braked_at: int | None) -> None:
     assert np.abs(a).max() <= 5.0 * 1.02
     np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * DT * (v[1:] + v[:-1]), atol=1e-4)
     assert coupled.is_at_rest
+
+
+def test_correction_stops_before_a_position_limit() -> None:
+    """It led a joint that the path brings near its limit to it: the limiter clipped 41 times."""
+    plain = motion()
+    limits = replace(plain.limits, upper=np.full(5, 1.02))
+    coupled = CoupledMotion(plain.trajectory, PARTS, limits, lambda _: np.full(5, 0.05))
+    rows, _ = play(coupled)
+    assert rows[:, 0].max() < 1.02 - 0.005
+    moved = rows[-1] - plain.trajectory.end
+    assert moved[1] < moved[2]  # the whole arm with that joint stays, the other one goes on
 
 
 @pytest.mark.parametrize(("needed", "seconds"), [(0, 0.0), (75, 75 * DT), (10_000, 1.0)])
