@@ -195,7 +195,7 @@ def nearest_to_success(failures: Sequence[Failure]) -> Failure:
     off, the one that leads farthest is the nearest.
 
     Args:
-        failures: At least one, the preferred attempt first.
+        failures: Failures of all attempts, at least one, the preferred attempt first.
     """
 
     def miss(failure: Failure) -> tuple[float, float]:
