@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -19,6 +20,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.core.rotations import from_rotation_vectors, product
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import guarded_descent, until_contact
 from bt_dualarm.skill.left_standing import LeftStanding
@@ -28,6 +30,8 @@ from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
+
+_UP: Final = np.array((0.0, 0.0, 1.0))
 
 _NEARING_M_S: Final = 0.02
 """Highest speed at a height at which contact is possible, but not expected, m/s: 50 N at most."""
@@ -280,30 +284,35 @@ class SettingDown:
         """The goal; if the object would not rest there, the nearest one with a vertical axis.
 
         For a goal without an orientation of its own: an arm that was halted in the middle of a
-        motion holds an object tilted, as no plan would have ended.
+        motion holds an object tilted, as no plan would have ended. The position is that of the
+        object's frame, or one that follows from its lowest point in the tilted pose, such as a goal
+        on something: of both, the one nearer to a support counts.
 
         Args:
             goal: Pose of the object in the world.
         """
-        if self._rests_at(goal):
+        try:
+            self._support_at(goal)
+        except Failure:
+            pass
+        else:
             return goal
         axes = goal.rotation_matrix
         nearest = int(np.argmax(np.abs(axes[2])))
         axis = axes[:, nearest] * np.sign(axes[2, nearest])
-        up = np.array((0.0, 0.0, 1.0))
-        across = np.cross(axis, up)
+        across = np.cross(axis, _UP)
         turn = across * (np.arccos(min(axis[2], 1.0)) / max(float(np.linalg.norm(across)), 1e-12))
         quaternion = product(from_rotation_vectors(turn[None]), goal.quaternion[None])[0]
         leveled = Pose(goal.position, quaternion)
-        return leveled if self._rests_at(leveled) else goal
-
-    def _rests_at(self, goal: Pose) -> bool:
-        """Whether the object would rest at a goal, as far as its support is declared."""
-        try:
-            self._support_at(goal)
-        except Failure:
-            return False
-        return True
+        solid = body_of(self._arm.world.objects[self._name]).solid
+        depths = [solid.reach(pose.inverse.turn(-_UP)) for pose in (goal, leveled)]
+        found: list[tuple[float, Pose]] = []
+        for pose in (leveled, leveled.raised(depths[1] - depths[0])):
+            with suppress(Failure):
+                support = self._support_at(pose)
+                if support is not None:
+                    found.append((abs(support.below), pose))
+        return min(found, key=lambda one: one[0])[1] if found else goal
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
         """Wait until the released object rests, and check its true pose, as a referee.

@@ -53,3 +53,23 @@ def test_an_object_that_is_held_tilted_is_placed_upright(
     play = stage.run(file)
     assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
     assert abs(play.world.object_pose("thing").rotation_matrix[2, 2]) > 0.9999
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize("angle", [8, 15, 25])
+def test_a_long_object_that_is_held_tilted_is_placed_on_something(
+    robot: str, angle: float, stage: Stage
+) -> None:
+    """A goal on something follows from the lowest point of the object, which was far below."""
+    bar: Tree = {"shape": "box", "size": [0.16, 0.03, 0.03], "mass": 0.15}
+    bar["pose"] = {"xyz": [0.40, -0.45, 0.4155]}
+    box: Tree = {"shape": "box", "size": [0.2, 0.2, 0.05], "mass": 5, "fixed": True}
+    box["pose"] = {"xyz": [0.30, -0.25, 0.4255]}
+    gripper = "panda_hand" if robot == "panda" else "robotiq_2f85"
+    arm = GRIPPING | {"robot": robot, "gripper": gripper}
+    turn = {"rotate_tool": {"angle": angle, "axis": [0, 1, 0], "frame": "world"}}
+    leaves: list[Tree] = [{"grasp": {"object": "bar"}}, turn, {"place": {"at": {"on": "box"}}}]
+    file = Scenario({"bar": bar, "box": box}, arm=arm, scene="table").file(*leaves)
+    play = stage.run(file)
+    assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
+    assert play.world.object_pose("bar").position[2] == pytest.approx(0.4655, abs=0.002)
