@@ -33,6 +33,9 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 _UP: Final = np.array((0.0, 0.0, 1.0))
 
+_TIPS_RAD: Final = np.radians(2.0)
+"""Tilt from which a goal without an orientation is leveled: noise tilts objects by less."""
+
 _NEARING_M_S: Final = 0.02
 """Highest speed at a height at which contact is possible, but not expected, m/s: 50 N at most."""
 
@@ -281,7 +284,7 @@ class SettingDown:
         return object_pose
 
     def level(self, goal: Pose) -> Pose:
-        """The goal; if the object would not rest there, the nearest one with a vertical axis.
+        """The goal; if the object would tip there, the nearest one with a vertical axis.
 
         For a goal without an orientation of its own: an arm that was halted in the middle of a
         motion holds an object tilted, as no plan would have ended. The position is that of the
@@ -291,12 +294,10 @@ class SettingDown:
         Args:
             goal: Pose of the object in the world.
         """
-        try:
-            self._support_at(goal)
-        except Failure:
-            pass
-        else:
-            return goal
+        with suppress(Failure):
+            support = self._support_at(goal)
+            if support is None or support.tilt < _TIPS_RAD:
+                return goal
         axes = goal.rotation_matrix
         nearest = int(np.argmax(np.abs(axes[2])))
         axis = axes[:, nearest] * np.sign(axes[2, nearest])
