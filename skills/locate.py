@@ -19,7 +19,10 @@ from bt_dualarm import (
     Speed,
     Vector,
     Viewpoints,
+    camera_now,
+    gazes,
     go_to_camera,
+    look_at,
     own_camera,
     port,
     still_picture,
@@ -30,14 +33,18 @@ _MARKER_SHARES = (0.75, 0.4)
 worth one more viewpoint: other objects are placed relative to it, and far from it an error of its
 rotation counts most."""
 
+_TURNS = 2  # turns of the camera to what its image shows in part
+_LEAN = np.radians(30.0)  # largest deviation of the line of sight from that to it
+
 _Row = tuple[float, float, float, float, float, float]
 
 
 class Locate(Skill):
     """Estimate the poses of objects of a known color and shape with the wrist camera.
 
-    It takes images from the current pose, then from around the detected objects until their
-    poses are accurate enough. It uses neither the declared nor the true poses.
+    It takes images from the current pose, turned to what the border of the image cuts off if there
+    is nothing else, then from around the detected objects until their poses are accurate enough. It
+    uses neither the declared nor the true poses.
     """
 
     class Ports(SightPorts):
@@ -92,6 +99,7 @@ class Locate(Skill):
         self._seen = self.ports.sighted(self.arm, self.context.cell.zones)
         yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         yield from self._take_image()
+        yield from self._turn_to_cut_off()
         if not self._seen.objects:
             self._refuse_unseen()
         yield from self._view_from_around()
@@ -107,6 +115,30 @@ class Locate(Skill):
         if picture is not None:
             self._orientation = picture.pose.quaternion
             self._seen.take(picture)
+
+    def _turn_to_cut_off(self) -> Iterator[float | None]:
+        """Turn the camera to what the border of its image cuts off, if that is all it shows.
+
+        So it may stand after the halt of a leaf that moved it.
+        """
+        ports = self.ports
+        for _ in range(_TURNS):
+            if self._seen.objects or not self._seen.cut_off:
+                return
+            eye, sight = self._seen.cut_off[0]
+            along = sight / np.linalg.norm(sight)
+            point = eye + ports.distance * along
+            poses = gazes(point, ports.distance, along, _LEAN, camera_now(self.arm))
+            try:
+                there = yield from look_at(self.arm, poses, ports.speed, ports.ignored)
+            except Failure as failure:
+                if failure.code != "NO_PLAN":
+                    raise
+                return
+            if there is None:
+                return
+            self._viewpoints += 1
+            yield from self._take_image()
 
     def _view_from_around(self) -> Iterator[float | None]:
         """View from where it tells most while an estimate is not accurate enough."""

@@ -361,3 +361,23 @@ def test_background_of_the_same_color_is_reported(stage: Stage) -> None:
     assert leaf.code == "NOT_SEEN"
     assert "% of the image has it, up to its border; the background" in leaf.reason
     assert 0.8 < float(leaf.metrics["beyond_share"]) <= 1.0
+
+
+@pytest.mark.parametrize("robot", ["ur5", "ur5e", "panda", "xarm7"])
+def test_an_object_that_the_border_cuts_off_is_turned_to(robot: str, stage: Stage) -> None:
+    """So it may be after the halt of a leaf that moved the camera: it was NOT_SEEN."""
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+        "objects": {"cube": {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}},
+        "arms": {"arm1": {"robot": robot, "camera": {}}},
+    }
+    file["objects"]["cube"] |= {"color": "red", "pose": {"xyz": [0.35, -0.46, 0.425]}}
+    look = {"look_at": {"at": {"xyz": [0.35, -0.30, 0.4]}, "distance": 0.33, "speed": 1.0}}
+    locate = {"locate": {"object": "cube"}}
+    file["arms"]["arm1"] |= {
+        "base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]},
+        "tree": {"sequence": [look, locate]},
+    }
+    leaf = stage.run(file, seed=1).leaf("locate")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["located_error_m"]) < 0.003
