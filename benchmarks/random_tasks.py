@@ -276,7 +276,7 @@ def _insertions(dice: Dice) -> Task:
     leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
     at = (0.30, -0.48, 0.44)
     goals = _stands("peg", at, within=0.004)
-    return Task(tree, leaves, object="peg", goal=at, duration=150.0, goals=goals)
+    return Task(tree, leaves, object="peg", goal=at, duration=260.0, goals=goals)
 
 
 def _meetings(dice: Dice) -> Task:

@@ -51,7 +51,9 @@ def contact_causes(e: Evidence) -> Iterator[Cause]:
     if e.code == "NO_CONTACT":
         yield _nothing_there(e)
     if e.leaf.kind == "insert" and e.code in _INSERTING:
-        yield e.cause(e.code, e.reason, _INSERTING[e.code])
+        met = {touch.other for touch in e.scene(e.ended).touches(e.arm)} - {e.ports["object"]}
+        touched = f"; it touched {' and '.join(sorted(met))}" if met else ""
+        yield e.cause(e.code, f"{e.reason}{touched}", _INSERTING[e.code])
 
 
 def _nothing_there(e: Evidence) -> Cause:

@@ -125,6 +125,7 @@ def test_the_planted_mistake_is_named_first(mistake: Mistake, tmp_path: Path) ->
 PLANTED = (
     ("carry", "a crate in the path", 0),
     ("drawer", "a crate before it", 4),
+    ("insert", "a plugged hole", 1),
     ("carry", "a frozen joint", 0),
     ("track", "the target is let go", 0),
     ("sight", "removed by another arm", 0),
