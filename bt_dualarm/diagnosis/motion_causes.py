@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,12 @@ from bt_dualarm.core.errors import KINEMATIC_CODES, DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.joint_causes import MovedJoint
-from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried, referred_to
+from bt_dualarm.diagnosis.object_causes import (
+    GRASPING_LEAVES,
+    carried,
+    referred_to,
+    taken_away,
+)
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.replay.timeline import ContactPoint, TimelineNode, held_over_time
 from bt_dualarm.robots.robot import Robot
@@ -651,26 +657,17 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
             yield e.cause("HELD", f"{other} holds {named} already: {what}", remedy)
         removal = e.timeline.removal(other)
         if removal is not None and removal[1].time <= e.ended:
-            node, change = removal
-            sentence = f"{node.arm}:{node.path} (remove) removed {other} at {change.time:.2f} s"
-            yield e.cause(
-                "TAKEN_AWAY",
-                f"{sentence}: {what.partition(f': {other} was removed')[0]}",
-                f"remove {other} when {e.leaf.path!r} has ended",
-                leaf=node.path,
-                time_s=change.time,
-            )
+            cause = taken_away(e, other, removal)
+            sentence = f"{cause.sentence}: {what.partition(f': {other} was removed')[0]}"
+            remedy = f"remove {other} when {e.leaf.path!r} has ended"
+            yield replace(cause, sentence=sentence, remedy=remedy)
             continue
         sentence, leaf, time = _meanwhile(e, other)
-        if sentence:
-            yield e.cause("OTHER_ARM", f"{what}: {sentence}", leaf=leaf, time_s=time)
+        yield e.cause("OTHER_ARM", f"{what}: {sentence}", leaf=leaf, time_s=time)
 
 
 def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
-    """What another arm did when the wait ended: a sentence, the leaf, the time of its end.
-
-    The sentence is empty if the leaf's own reason says so.
-    """
+    """What another arm did when the wait ended: a sentence, the leaf, the time of its end."""
     root = e.timeline.roots[other]
     failed = root.last("FAILURE")
     if failed is not None and failed.time <= e.ended:

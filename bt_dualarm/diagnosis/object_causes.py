@@ -120,7 +120,7 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes in an object or arm that the leaf uses."""
     removal = e.timeline.removal(e.arm)
     if removal is not None and e.code in ("", "HALTED") and removal[1].time <= e.ended + 1e-9:
-        yield _taken_away(e, e.arm, removal)
+        yield taken_away(e, e.arm, removal)
     name = e.ports.get("object")
     if isinstance(name, str) and e.code and e.leaf.kind in GRASPING_LEAVES:
         yield from _held_by_another(e, name)
@@ -251,14 +251,14 @@ def absence(e: Evidence, name: str) -> Cause | None:
         return None
     removals = _ended(e, "remove", name)
     if removals:
-        return _taken_away(e, name, removals[-1])
+        return taken_away(e, name, removals[-1])
     if e.scene(0.0).has(name):
         return None
     sentence = f"{name} was not in the world: spawned is false, and no leaf had spawned it"
     return e.cause("NOT_SPAWNED_YET", sentence, f"a leaf that spawns {name} before")
 
 
-def _taken_away(e: Evidence, name: str, removal: tuple[TimelineNode, Change]) -> Cause:
+def taken_away(e: Evidence, name: str, removal: tuple[TimelineNode, Change]) -> Cause:
     """Cause for the removal of an object, or of this arm, by a leaf."""
     node, change = removal
     sentence = f"{node.arm}:{node.path} (remove) removed {name} at {change.time:.2f} s"

@@ -711,8 +711,7 @@ def _may_touch(one: ObjectSpec, other: ObjectSpec) -> bool:
 
 def _radius(obj: ObjectSpec) -> float:
     """Largest distance of a point of an object from where the file declares its frame, m."""
-    corners = body_of(obj).corners
-    return float(np.linalg.norm(corners, axis=1).max()) + float(np.linalg.norm(obj.noise.xyz))
+    return body_of(obj).radius + float(np.linalg.norm(obj.noise.xyz))
 
 
 def _free_axes(node: NodeSpec) -> FreeAxes | None:
@@ -783,10 +782,12 @@ class _ReachCheck:
                 return None
         point = np.array(pose.xyz)
         heights = (point[2],) if obj.fixed else np.linspace(point[2], min(point[2], 0.0), 5)
-        gaps = (self._position_gap(np.array((*point[:2], z))) for z in heights)  # it may fall
-        gap = min(gaps) - _radius(obj)
-        if gap <= 0.0:
-            return None
+        radius = _radius(obj)
+        gap = math.inf
+        for height in heights:  # it may fall
+            gap = min(gap, self._position_gap(np.array((*point[:2], height))) - radius)
+            if gap <= 0.0:
+                return None
         distance = float(np.linalg.norm(point - self.base.pose.position))
         message = f"out of reach of {self.arm}: its tool cannot get closer to it than {gap:.2f} m"
         return message, f"it is {distance:.2f} m from the arm's base"
