@@ -302,6 +302,298 @@ def _meetings(dice: Dice) -> Task:
     return Task(tree, leaves, partner="arm2", object="red", goal=at, duration=60.0, goals=goals)
 
 
+def _arm(dice: Dice, robots: Sequence[str], **more: Any) -> tuple[Tree, float]:
+    """An arm with fingers, and how far from its base it can grasp, m."""
+    robot = dice.one(robots)
+    gripper = "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
+    return {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0]}, **more}, _REACH[robot]
+
+
+def _towers(dice: Dice) -> Task:
+    """An arm builds a tower of three boxes, each where the one below stands."""
+    arm, reach = _arm(dice, list(_REACH))
+    angle = dice.number(-1.2, 1.2)
+    top = dice.number(0.1, 0.25)
+    width = dice.number(0.035, 0.05)
+    site = _around(dice.number(0.6, 0.7) * reach, angle, top)
+    objects: Tree = {"site": _stand(site, 0.16)}
+    leaves: list[Tree] = []
+    below = "site"
+    goals: Tree = {}
+    for i, name in enumerate(("first", "second", "third")[: dice.count(2, 3)]):
+        at = _around(dice.number(0.6, 0.75) * reach, angle + 0.55 * (i + 1), top)
+        height = dice.number(0.03, 0.05)
+        objects[f"stand{i}"] = _stand(at, 0.1)
+        objects[name] = {
+            "shape": "box",
+            "size": [width, width, height],
+            "mass": dice.number(0.05, 0.3),
+            "color": dice.one(["red", "blue", "green"]),
+            "pose": {"xyz": [*at[:2], round(top + height / 2 + 0.0005, 4)]},
+        }
+        if dice.happens(0.5):
+            objects[name]["pose"]["rpy"] = [0, 0, dice.number(-45, 45, 0)]
+        leaves.append({"grasp": {"object": name}})
+        leaves.append({"place": {"at": {"on": below, "rpy": [0, 0, dice.one([0, 90])]}}})
+        goals[name] = {"object": name, "on": below, "tilt": 3, "held": False, "lasting": 0.5}
+        below = name
+    leaves.append({"go_home": {}})
+    tree = _file(dice, objects, {"arm1": arm})
+    return Task(tree, leaves, object="first", goal=site, reach=reach, duration=120.0, goals=goals)
+
+
+def _regrasps(dice: Dice) -> Task:
+    """An arm turns a box over: it stands on another side at the end."""
+    arm, reach = _arm(dice, list(_REACH))
+    angle = dice.number(-1.0, 1.0)
+    top = dice.number(0.15, 0.25)
+    size = [dice.number(0.03, 0.045), dice.number(0.03, 0.045), dice.number(0.07, 0.1)]
+    begin = _around(dice.number(0.6, 0.7) * reach, angle, top)
+    goal = _around(dice.number(0.6, 0.7) * reach, angle + 0.8, top)
+    turned = dice.one([[90, 0, 0], [0, 90, 0], [-90, 0, 0], [0, -90, 0], [180, 0, 0]])
+    height = {90: size[1], -90: size[1]}.get(turned[0], size[0] if turned[1] else size[2])
+    objects: Tree = {"from": _stand(begin, 0.2), "onto": _stand(goal, 0.2)}
+    lifted = round(top + size[2] / 2 + 0.0005, 4)
+    objects["block"] = {
+        "shape": "box",
+        "size": size,
+        "mass": dice.number(0.05, 0.3),
+        "color": "red",
+        "pose": {"xyz": [*begin[:2], lifted]},
+    }
+    place = [*goal[:2], round(top + height / 2, 4)]
+    then = {"xyz": place, "rpy": turned}
+    leaves: list[Tree] = [
+        {"grasp": {"object": "block", "then_at": then}},
+        {"place": {"object": "block", "at": then}},
+        {"go_home": {}},
+    ]
+    if turned[0] == 180:
+        side = {"xyz": [*begin[:2], round(top + size[1] / 2, 4)], "rpy": [90, 0, 0]}
+        leaves = [
+            {"grasp": {"object": "block", "then_at": side}},
+            {"place": {"object": "block", "at": side}},
+            *leaves,
+        ]
+    goals = {"turned": {"object": "block", "at": then, "within": 0.01, "angle": 5, "held": False}}
+    tree = _file(dice, objects, {"arm1": arm})
+    return Task(tree, leaves, object="block", goal=place, reach=reach, duration=90.0, goals=goals)
+
+
+def _doors(dice: Dice) -> Task:
+    """An arm opens a door, lid or drawer by its handle, and shuts it."""
+    arm, reach = _arm(dice, ["ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7"])
+    angle = dice.number(-1.0, 1.0)
+    kind = dice.one(["door", "lid", "drawer"])
+    at = _around(dice.number(0.75, 0.9) * reach, angle, dice.number(0.3, 0.5))
+    yaw = round(float(np.degrees(angle)) + dice.number(-20, 20), 1)
+    side = dice.one([1, -1])
+    parts: Tree = {"body": {"shape": "box", "size": [0.1, 0.26, 0.2]}}
+    joint: Tree = {"mass": dice.number(0.2, 1.0), "damping": dice.number(0.1, 0.6)}
+    if kind == "door":
+        # Its front is at -x, where the arm is; the hinge is at one of its sides.
+        parts["panel"] = {
+            "shape": "box",
+            "size": [0.012, 0.24, 0.18],
+            "pose": {"xyz": [-0.058, 0, 0]},
+        }
+        parts["bar"] = {
+            "shape": "box",
+            "size": [0.03, 0.012, 0.08],
+            "pose": {"xyz": [-0.08, -side * 0.09, 0]},
+        }
+        joint |= {
+            "type": "hinge",
+            "axis": [0, 0, 1],
+            "anchor": [-0.058, side * 0.12, 0],
+            "range": sorted([0, side * -80]),
+            "parts": ["panel", "bar"],
+            "friction": dice.number(0.05, 0.4),
+        }
+        there: float = side * -dice.number(30, 60, 0)
+        tolerance = 4.0
+    elif kind == "lid":
+        parts["panel"] = {
+            "shape": "box",
+            "size": [0.12, 0.26, 0.012],
+            "pose": {"xyz": [0, 0, 0.107]},
+        }
+        parts["bar"] = {
+            "shape": "box",
+            "size": [0.03, 0.08, 0.012],
+            "pose": {"xyz": [-0.074, 0, 0.107]},
+        }
+        joint |= {
+            "type": "hinge",
+            "axis": [0, 1, 0],
+            "anchor": [0.06, 0, 0.107],
+            "range": [0, 90],
+            "parts": ["panel", "bar"],
+            "friction": dice.number(0.3, 0.8),
+        }
+        there = dice.number(30, 60, 0)
+        tolerance = 4.0
+    else:
+        parts["panel"] = {
+            "shape": "box",
+            "size": [0.012, 0.2, 0.1],
+            "pose": {"xyz": [-0.058, 0, 0]},
+        }
+        parts["bar"] = {
+            "shape": "box",
+            "size": [0.04, 0.1, 0.012],
+            "pose": {"xyz": [-0.083, 0, 0]},
+        }
+        joint |= {
+            "type": "slide",
+            "axis": [-1, 0, 0],
+            "range": [0, 0.2],
+            "parts": ["panel", "bar"],
+            "damping": dice.number(2, 15),
+            "friction": dice.number(0.5, 5),
+        }
+        there = dice.number(0.06, 0.12)
+        tolerance = 0.006
+    fixture = {
+        "shape": "compound",
+        "mass": 5,
+        "fixed": True,
+        "color": "white",
+        "pose": {"xyz": at, "rpy": [0, 0, yaw]},
+        "parts": parts,
+        "joints": {"axle": joint},
+    }
+    of: Tree = {"object": "chest", "joint": "axle"}
+    leaves: list[Tree] = [
+        {"grasp": {"object": "chest", "part": "bar", "then_to": there}},
+        {"operate": of | {"to": there}},
+        {"operate": of | {"to": 0}},
+        {"release": {}},
+        {"go_home": {}},
+    ]
+    tree = _file(dice, {"chest": fixture}, {"arm1": arm})
+    goals = {"shut": of | {"between": [-tolerance, tolerance]}}
+    return Task(tree, leaves, object="chest", goal=at, reach=reach, duration=90.0, goals=goals)
+
+
+def _contacts(dice: Dice) -> Task:
+    """An arm finds a surface by touch and follows a path above it."""
+    robot = dice.one(list(_REACH))
+    reach = _REACH[robot]
+    angle = dice.number(-1.2, 1.2)
+    top = dice.number(0.1, 0.3)
+    board = _around(dice.number(0.55, 0.7) * reach, angle, top)
+    above = [*board[:2], round(top + dice.number(0.05, 0.1), 3)]
+    size = dice.number(30, 60, 0)
+    path: Tree = dice.one(
+        [
+            {"follow_path": {"points": [[0, 0], [size, 0], [size, size]], "plane": "xy"}},
+            {"draw": {"points": [[0.03, 0], [0, 0.03], [-0.03, 0]], "plane": "xy"}},
+            {"circle": {"plane": "xy", "radius": dice.number(0.02, 0.04)}},
+        ]
+    )
+    leaves: list[Tree] = [
+        {"reach_to_pose": {"to": {"xyz": above, "rpy": [*DOWN]}}},
+        {"move_until_contact": {"distance": 0.15, "force": dice.number(8, 30, 0)}},
+        {"move_linear": {"offset": {"xyz": [0, 0, 0.03]}}},
+        path,
+        {"go_home": {}},
+    ]
+    tree = _file(dice, {"board": _stand(board, 0.25)}, {"arm1": {"robot": robot}})
+    return Task(tree, leaves, goal=above, reach=reach, duration=60.0)
+
+
+def _trays(dice: Dice) -> Task:
+    """An arm puts a cube into a bin, and carries the bin away."""
+    arm, reach = _arm(dice, list(_REACH))
+    angle = dice.number(-1.0, 1.0)
+    top = dice.number(0.1, 0.25)
+    size = [dice.number(0.09, 0.12), dice.number(0.06, 0.075), 0.04]
+    begin = _around(dice.number(0.6, 0.7) * reach, angle, top)
+    middle = _around(dice.number(0.6, 0.7) * reach, angle + 0.7, top)
+    goal = _around(dice.number(0.6, 0.7) * reach, angle + 1.4, top)
+    cube = dice.number(0.025, 0.035)
+    objects: Tree = {
+        "from": _stand(begin, 0.1),
+        "site": _stand(middle, 0.16),
+        "onto": _stand(goal, 0.16),
+        "cube": {
+            "shape": "box",
+            "size": [cube] * 3,
+            "mass": dice.number(0.02, 0.1),
+            "color": "red",
+            "pose": {"xyz": [*begin[:2], round(top + cube / 2 + 0.0005, 4)]},
+        },
+        "crate": {
+            "shape": "bin",
+            "size": size,
+            "wall": 0.004,
+            "mass": dice.number(0.1, 0.3),
+            "color": "blue",
+            "pose": {"xyz": [*middle[:2], round(top + 0.02 + 0.0005, 4)]},
+        },
+    }
+    at = [*goal[:2], round(top + 0.0205, 4)]
+    leaves: list[Tree] = [
+        {"grasp": {"object": "cube"}},
+        {"place": {"at": {"on": "crate"}}},
+        {"grasp": {"object": "crate"}},
+        {"place": {"at": {"xyz": at}}},
+        {"go_home": {}},
+    ]
+    goals = _stands("crate", at) | {"inside": {"object": "cube", "on": "crate"}}
+    tree = _file(dice, objects, {"arm1": arm})
+    return Task(tree, leaves, object="cube", goal=at, reach=reach, duration=90.0, goals=goals)
+
+
+def _sorts(dice: Dice) -> Task:
+    """An arm finds objects by their color and puts each beside a mark, in a loop over a subtree."""
+    arm, reach = _arm(dice, ["ur5", "ur5e", "panda", "fr3", "xarm7", "ur10e"], camera={})
+    angle = dice.number(-0.8, 0.8)
+    top = dice.number(0.15, 0.25)
+    middle = _around(0.65 * reach, angle, top)
+    objects: Tree = {"bench": _stand(middle, 0.5)}
+    colors = dice.order(["red", "green", "blue", "orange"])[: dice.count(1, 3)]
+    cube = dice.number(0.03, 0.045)
+    z = round(top + cube / 2 + 0.0005, 4)
+    goals: Tree = {}
+    spots: list[list[float]] = []
+    for i, color in enumerate(colors):
+        x, y = middle[0] + 0.09 * (i - 1), middle[1] - 0.06
+        objects[color] = {
+            "shape": "box",
+            "size": [cube] * 3,
+            "mass": 0.1,
+            "color": color,
+            "pose": {"xyz": [round(x, 3), round(y, 3), z]},
+            "noise": {"xyz": [0.015, 0.02, 0], "yaw": 45},
+        }
+        spots.append([round(x, 3), round(middle[1] + 0.12, 3), z])
+        goals |= _stands(color, spots[-1], 0.012)
+    look = {"center": [*middle[:2], z], "width": 0.25, "depth": 0.15}
+    body: list[Tree] = [
+        {"scan": {"object": "{thing}", **look}},
+        {"locate": {"object": "{thing}", "pose": "{where}"}},
+        {"grasp": {"object": "{thing}", "at": "{where}"}},
+        {"place": {"at": {"xyz": "{to}"}}},
+    ]
+    tree = _file(dice, objects, {"arm1": arm})
+    tree["subtrees"] = {
+        "put": {
+            "params": {"thing": {"type": "object"}, "to": {"type": "vector"}},
+            "tree": {"sequence": body},
+        }
+    }
+    leaves: list[Tree] = [
+        {"subtree": {"use": "put", "params": {"thing": color, "to": spot}}}
+        for color, spot in zip(colors, spots, strict=True)
+    ]
+    leaves.append({"go_home": {}})
+    return Task(
+        tree, leaves, object=colors[0], goal=middle, reach=reach, duration=120.0, goals=goals
+    )
+
+
 TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
     "pick": _picks,
     "path": _paths,
@@ -312,6 +604,12 @@ TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
     "drawer": _drawers,
     "insert": _insertions,
     "meeting": _meetings,
+    "tower": _towers,
+    "turn": _regrasps,
+    "door": _doors,
+    "contact": _contacts,
+    "tray": _trays,
+    "sort": _sorts,
 }
 
 
@@ -388,7 +686,12 @@ def disturbed(task: Task, dice: Dice) -> None:
     tree["faults"] = {"fault": fault}
 
 
+def unchanged(task: Task, dice: Dice) -> None:
+    """Leave a task as it is."""
+
+
 CHANGES: Final[Mapping[str, Callable[[Task, Dice], None]]] = {
+    "plain": unchanged,
     "halts": halted,
     "faults": disturbed,
 }

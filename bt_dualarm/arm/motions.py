@@ -1063,14 +1063,26 @@ class ArmMotions(ArmState):
             raise contact.failure()
 
     def refuse_collision_along(
-        self, path: Matrix | Trajectory, ignore: frozenset[str] = frozenset()
+        self,
+        path: Matrix | Trajectory,
+        ignore: frozenset[str] = frozenset(),
+        *,
+        opening: float | None = None,
     ) -> None:
         """Check a motion, or configurations of shape (n, dof), rad, before anything moves.
+
+        Args:
+            path: The motion, or the configurations.
+            ignore: Names of the objects that may be touched.
+            opening: Opening of the fingers then, m; None for the present one.
 
         Raises:
             Failure: ``IN_COLLISION`` of the first configuration that touches something.
         """
-        refuse_contact(self.checker(ignore), path)
+        checker = self.checker(ignore)
+        if opening is not None:
+            checker.open_fingers(opening)
+        refuse_contact(checker, path)
 
     def first_link_contact(self, rows: Matrix) -> tuple[int, CollisionFailure] | None:
         """First configuration in which a link that is not part of the tool would touch something.

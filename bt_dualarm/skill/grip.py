@@ -321,11 +321,11 @@ def make_room(
     if not description.fingers or abs(arm.gripper.width - to) < _OPEN_M:
         return
     yield from arm.come_to_rest()  # the motion of a halted leaf may still be braking
-    beside = _beside(arm, arm.setpoint.q, to, ignore)
+    beside = contact_of_fingers(arm, arm.setpoint.q, to, ignore)
     if beside is None:
         return
     for goal in _retreats(arm):
-        if _beside(arm, arm.line_on(goal)[-1], to, ignore) is None:
+        if contact_of_fingers(arm, arm.line_on(goal)[-1], to, ignore) is None:
             yield from arm.past_others(speed).straight(goal)
             return
     raise beside.failure()
@@ -346,8 +346,17 @@ def _retreats(arm: Arm) -> Iterator[Pose]:
                 yield goal
 
 
-def _beside(arm: Arm, q: Vector, to: float, ignore: frozenset[str]) -> Contact | None:
-    """Collision of the moving fingers in a configuration of shape (dof,), rad, if there is one."""
+def contact_of_fingers(
+    arm: Arm, q: Vector, to: float, ignore: frozenset[str] = frozenset()
+) -> Contact | None:
+    """Collision of fingers that move to an opening, in one configuration, if there is one.
+
+    Args:
+        arm: Arm with the fingers.
+        q: Its configuration, of shape (dof,), rad.
+        to: The opening, m.
+        ignore: Names of objects that the fingers may touch.
+    """
     checker = arm.checker(ignore)
     width = arm.gripper.width
     for opening in np.linspace(width, to, 2 + int(abs(to - width) / _CHORD_M)):

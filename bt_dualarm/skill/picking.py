@@ -19,7 +19,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import HandForce
 from bt_dualarm.skill.grasp_approach import GraspApproach, first_approach
 from bt_dualarm.skill.grasp_search import GRAVITY, TakingPorts, WantedGrasp
-from bt_dualarm.skill.grip import Grip, TouchSense, make_room
+from bt_dualarm.skill.grip import Grip, TouchSense, contact_of_fingers, make_room
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -90,6 +90,7 @@ class Taking:
         self._seen = wanted.object_pose if seen else None
         self._entered: GraspApproach | None = None  # whose straight part has begun
         self._motion: OverlappedMotion
+        self._opening: float | None = None  # of the fingers during this motion, m
 
     def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
         """Execute the first feasible of these grasps, best first: approach, close, lift, verify.
@@ -218,6 +219,7 @@ class Taking:
 
         def whole() -> Generator[None, None, Trajectory]:
             begin = OverlappedMotion.of((yield from to_standoff()))
+            self._opening = self._opening_along(approaches[-1])
             self._motion = self._straight_on(begin, approaches[-1])
             return self._motion.motion
 
@@ -231,6 +233,7 @@ class Taking:
                 for progress in move.to_line(to_standoff, lambda: approaches[-1].rows, touched):
                     yield None if progress is None else 0.5 * progress
                 begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
+                self._opening = self._opening_at(approaches[-1])
                 self._motion = self._straight_on(begin, approaches[-1])
                 wait_s = move.backoff.renew()
                 try:
@@ -296,7 +299,7 @@ class Taking:
         arm = self._arm
         ports = self._ports
         free_scale = self._free_scale
-        opening = self._opening_of(approach)
+        opening = self._opening
         rows = approach.rows
         count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
         if count > 0:
@@ -313,8 +316,26 @@ class Taking:
             begin, near, ports.speed, 0.5 * near.duration, touched, opening=opening
         )
 
-    def _opening_of(self, approach: GraspApproach) -> float | None:
-        """Opening of the fingers during the approach, m; None if it stays as it is.
+    def _opening_along(self, approach: GraspApproach) -> float | None:
+        """Opening of the fingers during the whole approach, m; None if it stays as it is.
+
+        The plan is for fingers as wide as they open. Those of a linkage reach farther ahead, the
+        less they open: what a wide hand passes, a narrower one may touch.
+        """
+        arm = self._arm
+        opening = self._opening_at(approach)
+        if opening is None:
+            return None
+        if contact_of_fingers(arm, arm.setpoint.q, opening) is not None:
+            return None
+        try:
+            arm.refuse_collision_along(approach.to_standoff, opening=opening)
+        except Failure:
+            return None
+        return opening
+
+    def _opening_at(self, approach: GraspApproach) -> float | None:
+        """Opening of the fingers from the standoff on, m; None if it stays as it is.
 
         The less they open, the less there is to close later. Plans are for fingers as wide as they
         open: they stay so beside what cannot yield.
@@ -348,9 +369,8 @@ class Taking:
         self._refuse_moved_away()
         running = arm.begin(motion)
         watch = arm.watch(running, unseen, standoff_s)
-        opening = self._opening_of(approach)
-        if opening is not None:
-            arm.gripper.command(opening)
+        if self._opening is not None:
+            arm.gripper.command(self._opening)
         sense = TouchSense(arm, along, alone=True)
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s

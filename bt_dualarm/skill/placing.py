@@ -14,6 +14,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at
 from bt_dualarm.arm.known_objects import Released
 from bt_dualarm.arm.past_others import PastOthers
+from bt_dualarm.collision.checker import Contact
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -101,8 +102,16 @@ def came_along(
         yield 1.0
 
 
-_ROOM_M: Final = 0.01  # minimum opening on each side of the object at the release
-_APART_M: Final = 0.0015  # opening on each side of it at which the retreat begins
+_APART_M: Final = 0.0015  # opening on each side of the object at which the retreat begins
+_ROOMS: Final = (0.01, 0.007, 0.005, 0.0035, 0.0025, _APART_M)
+"""Openings on each side of it at the release, the preferred one first, m: fingers that open into a
+wall press against it, and would drag it along as they retreat."""
+_TIGHT_M: Final = 0.0008
+"""Opening on each side of it where there is no room for `_APART_M`."""
+
+_LOOSE_M: Final = 0.0005
+"""Opening on each side of it with which fingers that a wall stops can leave it as well."""
+
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
 _LEARNED_S: Final = 0.1  # time for a compliant arm to learn its friction before contact
 _BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
@@ -242,6 +251,9 @@ class SettingDown:
         self._force = ports.force
         self._search = ports.search
         self._carrier = ""
+        self._room = _ROOMS[0]
+        self._needs_room = True
+        self._is_cramped = False
         self._opens = False
 
     def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
@@ -444,6 +456,7 @@ class SettingDown:
         """
         arm = self._arm
         ports = self._ports
+        self._room, _ = self._room_at(arm.line_after(down[-1], tool)[-1], arm.gripper.width)
         low = arm.line_after(down[-1], tool.raised(-min(_LIKELY_M, self._search)))
         rows = np.vstack((down, low[1:]))
         start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
@@ -577,6 +590,18 @@ class SettingDown:
             )
 
     def _descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
+        """Descent to a goal, where the fingers can open if possible; see `_any_descent`."""
+        self._needs_room = True
+        self._is_cramped = False
+        try:
+            return (yield from self._any_descent(goal, move))
+        except Failure:
+            if not self._is_cramped:
+                raise
+        self._needs_room = False
+        return (yield from self._any_descent(goal, move))
+
+    def _any_descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
 
         The one requested is preferred, then the smallest rotation, then the largest height. If
@@ -663,6 +688,7 @@ class SettingDown:
         for down, low, _ in arm.lines(*corners):
             try:
                 arm.refuse_collision_along(down)
+                self._refuse_without_room(low[-1])
                 for retreat in retreats:
                     try:
                         out = arm.line_after(low[-1], retreat.end)
@@ -686,6 +712,42 @@ class SettingDown:
             raise refusals[0]
         return found[:_BRANCHES]
 
+    def _room_at(self, q: Vector, width: float) -> tuple[float, Contact | None]:
+        """Opening on each side of the object with which the fingers touch nothing, from `_ROOMS`.
+
+        Args:
+            q: Configuration with the object at its goal, of shape (dof,), rad.
+            width: Opening of the fingers around the object, m.
+
+        Returns:
+            The opening; if the smallest of them is too wide, `_TIGHT_M`, and what is in its way.
+        """
+        arm = self._arm
+        if not arm.gripper.description.fingers:
+            return _ROOMS[0], None
+        checker = arm.checker(frozenset({self._name}))
+        checker.open_fingers(width)
+        if checker.contact(q) is not None:  # so it is not the opening that makes them touch
+            return _ROOMS[0], None
+        beside: Contact | None = None
+        for room in _ROOMS:
+            checker.open_fingers(min(width + 2.0 * room, arm.gripper.description.stroke))
+            beside = checker.contact(q)
+            if beside is None:
+                return room, None
+        return _TIGHT_M, beside
+
+    def _refuse_without_room(self, q: Vector) -> None:
+        """Check that the fingers can leave the object in a configuration of shape (dof,), rad.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with what is beside them.
+        """
+        beside = self._room_at(q, self._arm.gripper.width)[1] if self._needs_room else None
+        if beside is not None:
+            self._is_cramped = True
+            raise beside.failure()
+
     def _retreats(self, tool: Pose) -> list[RetreatTo]:
         """Retreats from a pose of the tool to try, the one requested first."""
         return possible_retreats(self._arm, tool, self._name, self._in_tool, self._ports.retreat)
@@ -708,20 +770,41 @@ class SettingDown:
             Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
         """
         arm = self._arm
-        gripper = arm.gripper
-        fingers = gripper.description.fingers
         self._open(width)
-        apart = width + 2.0 * _APART_M
         try:
-            for _ in gripper.until_open():
-                if fingers and gripper.width >= apart:
-                    break
-                yield 0.85
+            yield from self._until_apart(width)
         except GeneratorExit:
             self._let_go(width, object_pose)
             raise
         self._let_go(width, object_pose)
         yield from self._leave(self._retreats(arm.commanded_tool_pose), width, object_pose)
+
+    def _until_apart(self, width: float) -> Iterator[float]:
+        """Wait until the fingers, which held the object at ``width`` (m), are clear of it.
+
+        They need not open as far as commanded: a wall beside the object may be in their way. They
+        then stop pressing against it, or the retreat would lift it.
+
+        Raises:
+            Failure: ``NOT_OPEN``.
+        """
+        gripper = self._arm.gripper
+        if not gripper.description.fingers:
+            yield from gripper.until_open()
+            return
+        try:
+            for _ in gripper.until_open():
+                if self._room >= _APART_M and gripper.width >= width + 2.0 * _APART_M:
+                    return
+                yield 0.85
+            is_pressing = self._room < _APART_M
+        except Failure:
+            is_pressing = True
+            if gripper.width < width + 2.0 * _LOOSE_M:
+                raise
+        if is_pressing:
+            gripper.command(0.5 * (gripper.width + width))
+            yield from gripper.until_open()
 
     def _let_go(self, width: float, object_pose: Pose) -> None:
         """Detach the object, also where the leaf is halted: the hand opens all the same."""
@@ -741,9 +824,10 @@ class SettingDown:
             Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
         """
         arm = self._arm
+        self._room, _ = self._room_at(arm.setpoint.q, released.width)
         self._open(released.width)
         yield from arm.come_to_rest()
-        yield from arm.gripper.until_open()
+        yield from self._until_apart(released.width)
         tool = arm.commanded_tool_pose
         left = self._ports.retreat - released.tool.distance(tool)
         retreats: list[RetreatTo] = []
@@ -819,11 +903,11 @@ class SettingDown:
                 self._open(width)
 
     def _open(self, width: float) -> None:
-        """Command the fingers to leave `_ROOM_M` on each side of an object of a width, m."""
+        """Command the fingers to leave `_room` on each side of an object of a width, m."""
         gripper = self._arm.gripper
         description = gripper.description
         gripper.command(
-            min(width + 2.0 * _ROOM_M, description.stroke) if description.fingers else 1.0
+            min(width + 2.0 * self._room, description.stroke) if description.fingers else 1.0
         )
 
     def _refuse_sticking(self) -> None:
