@@ -130,7 +130,7 @@ class Locate(Skill):
             point = eye + ports.distance * along
             poses = gazes(point, ports.distance, along, _LEAN, camera_now(self.arm))
             try:
-                there = yield from look_at(self.arm, poses, ports.speed, ports.ignored)
+                there = yield from look_at(self.arm, poses, ports.speed, ports.ignored, at=point)
             except Failure as failure:
                 if failure.code != "NO_PLAN":
                     raise
@@ -155,7 +155,13 @@ class Locate(Skill):
             if camera is None:
                 return
             there = yield from go_to_camera(
-                self.arm, camera, ports.speed, ports.ignored, began_s=began_s
+                self.arm,
+                camera,
+                ports.speed,
+                ports.ignored,
+                began_s=began_s,
+                at=np.mean([one.position for one in unknown], axis=0),
+                room=self._seen.shape.extent,
             )
             camera = None
             if there:

@@ -57,7 +57,7 @@ class LookAt(Skill):
         yield from arm.come_to_rest()  # the motion of a halted leaf may still be braking
         point = ports.at.pose.position
         poses = gazes(point, ports.distance, direction, ports.lean, camera_now(arm))
-        if (yield from look_at(arm, poses, ports.speed)) is None:
+        if (yield from look_at(arm, poses, ports.speed, at=point)) is None:
             raise Failure(
                 "OUT_OF_REACH",
                 f"no reachable camera pose looks at the point from {ports.distance:.2f} m, within "

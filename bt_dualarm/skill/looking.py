@@ -22,7 +22,7 @@ from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.scan import MarkView, SightedObject, SightedObjects
 from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, merged
 from bt_dualarm.sim.camera import GuardedCamera
-from bt_dualarm.sim.composition import marker_height
+from bt_dualarm.sim.composition import CAMERA, marker_height
 from bt_dualarm.sim.frame import Frame
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.cell import CellZone, Region, RegionOrZone
@@ -292,6 +292,8 @@ def go_to_camera(
     ignore: frozenset[str] = frozenset(),
     *,
     began_s: float | None = None,
+    at: Vector | None = None,
+    room: float = 0.0,
 ) -> Generator[float | None, None, bool]:
     """Move the wrist camera to a pose in the world; yields once per tick.
 
@@ -302,6 +304,8 @@ def go_to_camera(
         ignore: Names of objects that may be touched.
         began_s: Simulated time at which the caller chose the pose and began to plan, s; by default
             now.
+        at: Point in the world that the arm itself must not hide there, of shape (3,), m.
+        room: Distance from it, across the line of sight, that is to be in view, too, m.
 
     Returns:
         Whether the pose was reached; if not, the arm has not moved.
@@ -309,7 +313,15 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
-    return (yield from _refusal(arm, camera, speed, ignore, began_s)) is None
+    shown = None if at is None else _around(at, camera, room)
+    return (yield from _refusal(arm, camera, speed, ignore, began_s, shown)) is None
+
+
+def _around(point: Vector, camera: Pose, room: float) -> Matrix:
+    """A point, and four at a distance from it in m, across the line of sight; of shape (5, 3)."""
+    sides = camera.rotation_matrix[:, :2].T
+    around: Matrix = point + room * np.vstack((np.zeros(3), sides, -sides))
+    return around
 
 
 def _refusal(
@@ -318,11 +330,22 @@ def _refusal(
     speed: float,
     ignore: frozenset[str],
     began_s: float | None = None,
+    shown: Matrix | None = None,
 ) -> Generator[float | None, None, Failure | None]:
-    """Move like `go_to_camera`; returns why the pose was not reached, None if it was."""
+    """Move like `go_to_camera`; returns why the pose was not reached, None if it was.
+
+    With ``shown``, of shape (n, 3), m, only to configurations in which the arm hides none of these
+    points; ``OCCLUDED`` if there is none.
+    """
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.configurations(camera @ camera_in_tool.inverse)
+        if shown is not None:
+            clear = [q for q in goals if not _hides(arm, q, shown)]
+            if len(goals) and not clear:
+                yield None
+                return Failure("OCCLUDED", "the arm itself would be in the image")
+            goals = clear
         yield from arm.travel(goals, speed, ignore, began_s=began_s, turns=True)
     except Failure as failure:
         if failure.code not in _UNREACHED:
@@ -386,14 +409,21 @@ def look_at(
     cameras: Iterator[Pose],
     speed: float,
     ignore: frozenset[str] = frozenset(),
+    *,
+    at: Vector,
+    room: float = 0.0,
 ) -> Generator[float | None, None, Pose | None]:
     """Move the wrist camera to the first of several poses that is reachable.
+
+    Poses in which the arm itself hides what it looks at come last.
 
     Args:
         arm: Arm with a wrist camera.
         cameras: Poses of the camera in the world, the preferred one first.
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
+        at: Point at the image center, in the world, of shape (3,), m.
+        room: Distance from it, across the line of sight, that is to be in view, too, m.
 
     Returns:
         The pose; None if none of them is reachable.
@@ -403,15 +433,22 @@ def look_at(
     """
     searches = 0
     tool_in_camera = camera_now(arm).inverse @ arm.tool_pose
+    occluded: list[Pose] = []
     for camera in cameras:
         if arm.kinematics.is_beyond(camera @ tool_in_camera):
             continue  # at once: a search for it would take 30 ms, and a tick
-        refusal = yield from _refusal(arm, camera, speed, ignore)
+        shown = _around(at, camera, room)
+        refusal = yield from _refusal(arm, camera, speed, ignore, shown=shown)
         if refusal is None:
             return camera
+        if refusal.code == "OCCLUDED":
+            occluded.append(camera)
         searches += refusal.code == "NO_PLAN"
         if searches == _SEARCHES:
             raise refusal
+    for camera in occluded[:_SEARCHES]:
+        if (yield from _refusal(arm, camera, speed, ignore)) is None:
+            return camera
     return None
 
 
@@ -426,7 +463,8 @@ _SAMPLES: Final = 5
 _CELL_PX: Final = 8
 """Edge of the squares of an image for which it is known whether the arm hides what is behind."""
 
-_NEAREST_M: Final = 0.005  # where a shape of the arm contains its camera, its surface hides nothing
+_NEAREST_M: Final = 0.005
+"""Distance up to which the link that carries the camera hides nothing: its shape may contain it."""
 
 
 def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
@@ -440,7 +478,6 @@ def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
         Array of shape (rows, columns), of squares of `_CELL_PX`; by the encoders and the shapes
         that plans use.
     """
-    world = arm.world
     columns, rows = (max(size // _CELL_PX, 1) for size in (frame.width, frame.height))
     x, y = np.meshgrid(
         (np.arange(columns) + 0.5) * frame.width / columns - 0.5 * frame.width,
@@ -449,18 +486,57 @@ def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
     ahead = np.full(x.size, frame.focal_px)
     rays = np.column_stack((x.ravel(), y.ravel(), ahead)) / frame.focal_px
     rays = rays @ frame.pose.rotation_matrix.T
+    world = arm.world
+    mine = _hits_arm(arm, (world.model, world.sensed), frame.pose.position, rays) > 0.0
+    return mine.reshape(rows, columns)
+
+
+def _hides(arm: Arm, q: Vector, points: Matrix) -> bool:
+    """Whether the arm would hide one of several points from its camera.
+
+    Args:
+        arm: Arm with a wrist camera.
+        q: Its configuration then, of shape (dof,), rad.
+        points: Points in the world, of shape (n, 3), m.
+    """
+    checker = arm.checker()
+    checker.place(q)
+    eye = arm.world.nominal[arm.name].camera_pose_at(q).position
+    away = _hits_arm(arm, (checker.model, checker.data), eye, points - eye)
+    return bool(np.any((away > 0.0) & (away < 1.0)))
+
+
+def _hits_arm(
+    arm: Arm, state: tuple[mujoco.MjModel, mujoco.MjData], eye: Vector, rays: Matrix
+) -> Vector:
+    """How far along rays the arm is, with its hand and what it holds.
+
+    Args:
+        arm: The arm.
+        state: The model of its world, with the positions of all geoms.
+        eye: Where the rays begin, in the world, of shape (3,), m.
+        rays: Directions of any length, of shape (n, 3), m.
+
+    Returns:
+        Distances as multiples of the length of the rays, of shape (n,); -1 where something else, or
+        nothing, is hit first.
+    """
+    world = arm.world
     geoms = np.empty(len(rays), np.int32)
     away = np.empty(len(rays))
-    eye = frame.pose.position
     mujoco.mj_multiRay(
-        world.model, world.sensed, eye, rays.ravel(), None, True, -1, geoms, away, None, len(rays),
-        mujoco.mjMAXVAL,
-    )  # fmt: skip
+        *state, eye, rays.ravel(), None, True, -1, geoms, away, None, len(rays), mujoco.mjMAXVAL
+    )
     own = set(world.arms[arm.name].geom_ids)
     for obj in arm.held:
         own |= world.payload_geoms(obj)
-    mine = np.isin(geoms, list(own)) & (away > _NEAREST_M)
-    return mine.reshape(rows, columns)
+    model, _ = state
+    welded = model.body_weldid
+    mount = welded[model.camera(f"{arm.name}/{CAMERA}").bodyid]
+    is_mount = welded[model.geom_bodyid[geoms]] == mount
+    near = np.where(is_mount, _NEAREST_M / np.linalg.norm(rays, axis=1), 0.0)
+    found: Vector = np.where(np.isin(geoms, list(own)) & (away > near), away, -1.0)
+    return found
 
 
 class _Part(NamedTuple):

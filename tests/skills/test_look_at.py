@@ -11,7 +11,7 @@ import pytest
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.skill import looking
 
 FAR = Pose.from_rpy((9.0, 0.0, 0.0))
@@ -34,11 +34,11 @@ def refusing(code: str, requested: list[Pose]) -> Any:
     """A motion to a camera pose that fails with a code and records the pose."""
 
     def refusal(
-        _: Arm, camera: Pose, speed: float, ignore: frozenset[str]
+        _: Arm, camera: Pose, speed: float, ignore: frozenset[str], *, shown: Matrix
     ) -> Generator[None, None, Failure]:
         requested.append(camera)
         yield None
-        return Failure(code, f"at {speed}, {ignore}")
+        return Failure(code, f"at {speed}, {ignore}, {len(shown)}")
 
     return refusal
 
@@ -50,14 +50,16 @@ def test_enclosed_arm_does_not_search_for_a_path_to_every_pose(
     requested: list[Pose] = []
     monkeypatch.setattr(looking, "_refusal", refusing("NO_PLAN", requested))
     with pytest.raises(Failure, match="NO_PLAN"):
-        list(looking.look_at(arm_at_the_origin(), iter([Pose.identity()] * 156), 1.0))
+        list(
+            looking.look_at(arm_at_the_origin(), iter([Pose.identity()] * 156), 1.0, at=np.zeros(3))
+        )
     assert len(requested) <= 10
 
 
 def test_all_unreachable_poses_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[Pose] = []
     monkeypatch.setattr(looking, "_refusal", refusing("UNREACHABLE", requested))
-    list(looking.look_at(arm_at_the_origin(), iter([Pose.identity()] * 156), 1.0))
+    list(looking.look_at(arm_at_the_origin(), iter([Pose.identity()] * 156), 1.0, at=np.zeros(3)))
     assert len(requested) == 156
 
 
@@ -66,7 +68,7 @@ def test_a_pose_beyond_reach_costs_no_search_and_no_tick(monkeypatch: pytest.Mon
     requested: list[Pose] = []
     monkeypatch.setattr(looking, "_refusal", refusing("UNREACHABLE", requested))
     poses = [FAR] * 156 + [Pose.identity()]
-    assert len(list(looking.look_at(arm_at_the_origin(), iter(poses), 1.0))) == 1
+    assert len(list(looking.look_at(arm_at_the_origin(), iter(poses), 1.0, at=np.zeros(3)))) == 1
     assert len(requested) == 1
 
 

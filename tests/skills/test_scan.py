@@ -142,3 +142,21 @@ def test_an_empty_area_that_is_in_view_is_not_out_of_reach(robot: str, stage: St
     leaf = stage.run(file, seed=1).leaf("scan")
     assert leaf.code == "NOT_SEEN", leaf.reason
     assert "from where the arm was" in leaf.reason
+
+
+def test_the_arm_itself_is_not_in_the_way_of_its_view(stage: Stage) -> None:
+    """The camera on the side of the hand looked at link 5, and the cube was `NOT_SEEN`."""
+    x, y = 0.487, 0.182
+    cube = {"shape": "box", "size": [0.044] * 3, "mass": 0.1, "color": "blue"}
+    bench = {"shape": "box", "size": [0.5, 0.5, 0.176], "mass": 5, "fixed": True}
+    scan = {"object": "cube", "center": [x, y, 0.1985], "width": 0.25, "depth": 0.15}
+    file = {
+        "world": {"scene": "empty"},
+        "objects": {
+            "bench": bench | {"pose": {"xyz": [x, y, 0.088]}},
+            "cube": cube | {"pose": {"xyz": [x - 0.09, y - 0.06, 0.1985]}},
+        },
+        "arms": {"arm1": {"robot": "panda", "camera": {}, "tree": {"scan": scan}}},
+    }
+    leaf = stage.run(file).leaf("scan")
+    assert leaf.status == "SUCCESS", leaf
