@@ -238,7 +238,10 @@ def _timeout(task: Task, dice: Dice) -> tuple[str, ...]:
     at = dice.count(0, len(task.leaves) - 2)
     leaf = task.leaves[at]
     task.leaves[at] = {"timeout": {"seconds": dice.number(0.2, 0.6, 2), "child": leaf}}
-    return (next(iter(leaf)),)
+    if isinstance(leaf, str):
+        return (leaf,)
+    name, ports = next(iter(leaf.items()))
+    return (ports["use"] if name == "subtree" else name,)
 
 
 def _unwritten(task: Task, dice: Dice) -> tuple[str, ...]:
@@ -504,6 +507,109 @@ def _does_not_meet(task: Task, dice: Dice) -> tuple[str, ...]:
     return (task.partner,)
 
 
+def _never_built(task: Task, dice: Dice) -> tuple[str, ...] | None:
+    """A box of the tower is put on one that is not there yet."""
+    places = [i for i, leaf in enumerate(task.leaves) if "place" in leaf]
+    if len(places) < 2:
+        return None
+    on = task.leaves[places[1]]["place"]["at"]["on"]
+    del task.leaves[places[0] - 1 : places[0] + 1]
+    task.tree["objects"][on]["spawned"] = False
+    del dice
+    return (on,)
+
+
+def _stiff_door(task: Task, dice: Dice) -> tuple[str, ...]:
+    joint = task.tree["objects"]["chest"]["joints"]["axle"]
+    joint["friction"] = dice.number(200, 400, 0)
+    return ("chest",)
+
+
+def _too_short_a_way(task: Task, dice: Dice) -> tuple[str, ...]:
+    """The joint ends before the position that is asked for."""
+    joint = task.tree["objects"]["chest"]["joints"]["axle"]
+    wanted = task.ports("operate")["to"]
+    joint["range"] = sorted([0, round(wanted * dice.number(0.3, 0.6), 3)])
+    return ("axle",)
+
+
+def _other_part(task: Task, dice: Dice) -> tuple[str, ...]:
+    """It holds the body of the furniture, which no joint moves."""
+    del dice
+    task.leaves.pop(0)
+    return ("chest",)
+
+
+def _no_board(task: Task, dice: Dice) -> tuple[str, ...]:
+    """The surface is too far below."""
+    board = task.tree["objects"]["board"]
+    lower = round(board["size"][2] - dice.number(0.2, 0.25), 3)
+    if lower <= 0.0:
+        del task.tree["objects"]["board"]
+    else:
+        board["size"][2] = lower
+        board["pose"]["xyz"][2] = round(lower / 2, 4)
+    task.ports("move_until_contact")["distance"] = 0.06
+    return ()
+
+
+def _plate_in_front(task: Task, dice: Dice) -> tuple[str, ...] | None:
+    """A plate beside the tool, into which the curve leads."""
+    if not (task.has("follow_path") or task.has("circle")):
+        return None
+    x, y, z = task.goal
+    at = (x + dice.number(0.045, 0.05), y, z - 0.02)
+    task.tree["objects"]["plate"] = box((0.01, 0.2, 0.05), at)
+    return ("plate",)
+
+
+def _small_crate(task: Task, dice: Dice) -> tuple[str, ...]:
+    """The cube is wider than the bin."""
+    width = dice.number(0.064, 0.07)
+    cube = task.tree["objects"]["cube"]
+    task.tree["objects"]["crate"]["size"][:2] = [0.06, 0.06]
+    cube["pose"]["xyz"][2] += (width - cube["size"][2]) / 2
+    cube["size"] = [width] * 3
+    return ("crate",)
+
+
+def _fixed_crate(task: Task, dice: Dice) -> tuple[str, ...]:
+    del dice
+    task.tree["objects"]["crate"]["fixed"] = True
+    return ("crate",)
+
+
+def _heavy_crate(task: Task, dice: Dice) -> tuple[str, ...]:
+    mass = dice.number(15, 40, 1)
+    task.tree["objects"]["crate"]["mass"] = mass
+    return ("crate", f"{mass:g}")
+
+
+def _scanned_elsewhere(task: Task, dice: Dice) -> tuple[str, ...]:
+    """The subtree searches an area beside the objects."""
+    scan = task.tree["subtrees"]["put"]["tree"]["sequence"][0]["scan"]
+    x, y, z = scan["center"]
+    away = dice.one([-1, 1]) * dice.number(0.5, 0.6)
+    scan["center"] = [round(x - y * away / np.hypot(x, y), 3), round(y + x * away, 3), z]
+    scan |= {"width": 0.05, "depth": 0.05}
+    return (task.object,)
+
+
+def _painted(task: Task, dice: Dice) -> tuple[str, ...]:
+    """The object has another color than the one that is looked for."""
+    del dice
+    put = task.tree["subtrees"]["put"]["tree"]["sequence"]
+    for leaf in put[:2]:
+        next(iter(leaf.values()))["color"] = "yellow"
+    return ("yellow",)
+
+
+def _goal_of_subtree_far_away(task: Task, dice: Dice) -> tuple[str, ...]:
+    far = round(task.reach * dice.number(1.3, 2.0), 3)
+    task.leaves[0]["subtree"]["params"]["to"][:2] = [far, 0.1]
+    return (task.tree["arms"][task.arm]["robot"],)
+
+
 _HARDWARE: Final = (
     Fault("a weak joint", _weak_joint, ("INJECTED",)),
     Fault("a frozen joint", _frozen_joint, ("INJECTED",)),
@@ -620,6 +726,77 @@ FAULTS: Final[Mapping[str, Sequence[Fault]]] = {
         Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
         Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
         Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
+        *_HARDWARE,
+    ),
+    "tower": (
+        Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
+        Fault("too wide", _too_wide, ("TOO_WIDE",)),
+        Fault("a box that is not there", _never_built, ("NOT_SPAWNED_YET",)),
+        Fault("an object that nobody spawns", _never_spawned, ("NOT_SPAWNED_YET",)),
+        Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
+        Fault("let go before", _let_go_before, ("LET_GO", "FELL")),
+        Fault("a fixed object", _fixed, ("FIXED",)),
+        Fault("a roof over the object", _lid_over_object, ("IN_THE_WAY", "NO_ROOM")),
+        Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),
+        Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
+        *_HARDWARE,
+    ),
+    "turn": (
+        Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
+        Fault("an object that nobody spawns", _never_spawned, ("NOT_SPAWNED_YET",)),
+        Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
+        Fault("let go before", _let_go_before, ("LET_GO", "FELL")),
+        Fault("a fixed object", _fixed, ("FIXED",)),
+        Fault("a cover over the goal", _cover_over_goal, ("IN_THE_WAY", "NO_ROOM")),
+        Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),
+        Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
+        *_HARDWARE,
+    ),
+    "door": (
+        Fault("a stiff joint", _stiff_door, ("TOO_STIFF", "HANDLE_SLIPPED", "BLOCKED")),
+        Fault("a joint that ends before", _too_short_a_way, ("OUT_OF_RANGE", "AT_ITS_END")),
+        Fault("a handle that was let go", _handle_let_go, ("LET_GO",)),
+        Fault("no grasp", _other_part, ("NEVER_ATTACHED",)),
+        Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),
+        Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
+        *_HARDWARE,
+    ),
+    "contact": (
+        Fault("no surface", _no_board, ("NOTHING_THERE",)),
+        Fault("a plate in the path", _plate_in_front, ("IN_THE_WAY", "NO_ROOM", "RAN_INTO")),
+        Fault("a goal far away", _goal_far_away, ("OUT_OF_REACH",)),
+        Fault("a goal in centimeters", _goal_in_centimeters, ("OUT_OF_REACH",)),
+        Fault("two motions at once", _two_at_once, ("BUSY",)),
+        Fault("a key that is not written", _unwritten, ("NEVER_WRITTEN",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
+        *_HARDWARE,
+    ),
+    "tray": (
+        Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
+        Fault("a heavy bin", _heavy_crate, ("OVERLOADED", "TOO_HEAVY")),
+        Fault("a fixed bin", _fixed_crate, ("FIXED",)),
+        Fault("a small bin", _small_crate, ("IN_THE_WAY", "NO_ROOM", "NOT_SUPPORTED")),
+        Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
+        Fault("let go before", _let_go_before, ("LET_GO", "FELL")),
+        Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),
+        Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
+        *_HARDWARE,
+    ),
+    "sort": (
+        Fault("another color", _painted, ("WRONG_COLOR",)),
+        Fault("the wrong place", _scanned_elsewhere, ("OUT_OF_VIEW", "OUT_OF_REACH")),
+        Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
+        Fault("a goal far away", _goal_of_subtree_far_away, ("OUT_OF_REACH",)),
+        Fault("an object that nobody spawns", _never_spawned, ("NOT_SPAWNED_YET",)),
+        Fault("a fixed object", _fixed, ("FIXED",)),
+        Fault("a fault of the camera", _camera_fault, ("INJECTED",)),
+        Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),
+        Fault("removed by another arm", _taken_away, ("TAKEN_AWAY",)),
+        Fault("a timeout", _timeout, ("TOO_LITTLE_TIME",)),
         *_HARDWARE,
     ),
 }

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
+from bt_dualarm.collision.checker import STANDING
 from bt_dualarm.collision.distance import RESTING_MARGIN_M, ArmDistance
 from bt_dualarm.core.errors import (
     CatalogError,
@@ -954,17 +955,26 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         return [source.problem(("arms", error.arm, "locked", error.joint), error.message)]
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
-    # A tool slightly inside an object is about to grasp it: only objects are pushed away.
+    # A tool slightly inside an object is about to grasp it: only objects are pushed away, and only
+    # what is fixed stays in the way of all plans.
     overlaps = [
         error
         for error in world.overlaps(SHALLOW_DEPTH)
-        if error.depth > MAX_DEPTH or error.obj in file.objects
+        if error.depth > MAX_DEPTH
+        or error.obj in file.objects
+        or (error.depth > STANDING and not _gives_way(file, error.other))
     ]
     overlapping = [{error.obj, error.other} for error in overlaps]
     return [
         *(_overlap(file, source, error) for error in overlaps),
         *_near_arms(world, source, overlapping),
     ]
+
+
+def _gives_way(file: TreeFile, other: str) -> bool:
+    """Whether what an arm is in may move: an object that is not fixed, or an arm."""
+    obj = file.objects.get(other)
+    return other in file.arms or (obj is not None and not obj.fixed)
 
 
 def _near_arms(world: World, source: Source, overlapping: Sequence[set[str]]) -> Iterator[Problem]:
@@ -1012,5 +1022,8 @@ def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
         problem = _at_base(source, error.obj, str(error))
     if error.depth > MAX_DEPTH:
         return problem
-    pushed = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"
-    return replace(problem, severity="warning", hint=pushed)
+    if error.obj in file.arms:
+        hint = f"no motion may begin there: another base, or another posture of {error.obj}"
+    else:
+        hint = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"
+    return replace(problem, severity="warning", hint=hint)

@@ -446,6 +446,23 @@ def test_warnings_of_the_world_hide_no_other_ones(tmp_path: Path, registry: Regi
     assert checked.file is not None
 
 
+@pytest.mark.parametrize(("fixed", "count"), [("true", 1), ("false", 0)])
+def test_an_arm_that_begins_slightly_in_what_is_fixed_is_a_warning(
+    fixed: str, count: int, tmp_path: Path, registry: Registry
+) -> None:
+    """All of its plans failed with `IN_COLLISION`; a free object gives way, and may be grasped."""
+    path = tmp_path / "task.yaml"
+    below_the_tool = f"pose: {{xyz: [0.487, 0.109, 0.4055]}}, fixed: {fixed}"
+    text = FILE.format(**GOOD).replace("pose: {xyz: [0.4, 0, 0.1]}", below_the_tool)
+    path.write_text(text)
+    problems = check(path, registry.kinds).problems
+    assert len(problems) == count
+    for problem in problems:
+        assert problem.severity == "warning"
+        assert problem.message == "arm 'arm1' would be 4 mm deep in cube, with arm1/tool0"
+        assert "no motion may begin there" in problem.hint
+
+
 @pytest.mark.parametrize(
     ("ports", "warned"),
     [
