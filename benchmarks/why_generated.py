@@ -182,8 +182,9 @@ def _never_spawned(task: Task, dice: Dice) -> tuple[str, ...]:
 
 def _no_grasp(task: Task, dice: Dice) -> tuple[str, ...]:
     del dice
-    leaf = task.leaves.pop(task.index("grasp"))
-    return (leaf["grasp"]["object"],)
+    at = task.index("grasp")
+    taken = task.leaves.pop(at)["grasp"]["object"]
+    return (taken,) if taken in str(task.leaves[at]) else ()
 
 
 def _let_go_before(task: Task, dice: Dice) -> tuple[str, ...]:

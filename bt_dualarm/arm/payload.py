@@ -105,7 +105,7 @@ class PayloadCheck:
             raise Failure(
                 "OVERLOADED",
                 f"{self._name} would hold {mass:.3g} kg; "
-                f"the payload of {robot.name} is {robot.payload:g} kg",
+                f"the payload of {robot.full_name} is {robot.payload:g} kg",
                 mass_kg=mass,
                 payload_kg=robot.payload,
             )

@@ -15,6 +15,7 @@ from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix
+from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.sim.grippers import Attachment, GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
@@ -232,16 +233,10 @@ class SlipResponse:
             return
         mass = sum(load.borne or 0.0 for load in known)
         doubt = math.sqrt(sum((load.share * load.mass_doubt) ** 2 for load in known))
-        hardware = self._world.grippers.get(self._name)
         robot = self._world.robots[self._name]
-        limits = [(robot.payload, robot.name)]
-        if hardware is not None and self._gripped() is not None:
-            limits.append((hardware.gripper.payload, hardware.gripper.name))
-        for most, name in limits:
-            if most is not None and mass - _SURE * doubt > most:
-                self._refused = names
-                self._too_heavy = _overload(loads, mass, doubt, most, name)
-                return
+        if robot.payload is not None and mass - _SURE * doubt > robot.payload:
+            self._refused = names
+            self._too_heavy = _overload(loads, mass, doubt, robot)
 
     def _hold_estimated_load(self, grip: _Grip, hardware: GripperHardware) -> None:
         """Increase the force if an object of undeclared mass is heavier than assumed."""
@@ -383,13 +378,13 @@ def _too_heavy(load: NominalLoad, most: float) -> Failure:
     )
 
 
-def _overload(
-    loads: tuple[NominalLoad, ...], mass: float, doubt: float, most: float, name: str
-) -> Failure:
+def _overload(loads: tuple[NominalLoad, ...], mass: float, doubt: float, robot: Robot) -> Failure:
     names = ", ".join(repr(load.object) for load in loads)
+    most = robot.payload or 0.0
     return Failure(
         "OVERLOADED",
-        f"{names}: {mass:.2f} kg, known to {doubt:.2f} kg; the payload of {name} is {most:g} kg",
+        f"{names}: {mass:.2f} kg, known to {doubt:.2f} kg; "
+        f"the payload of {robot.full_name} is {most:g} kg",
         mass_kg=mass,
         mass_doubt_kg=doubt,
         payload_kg=most,

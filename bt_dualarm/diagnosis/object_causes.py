@@ -15,7 +15,7 @@ from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.diagnosis.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.timeline import CameraSight, Change, Scene, TimelineNode, held_over_time
-from bt_dualarm.robots.gripper import load_gripper
+from bt_dualarm.robots.gripper import Gripper, load_gripper
 from bt_dualarm.sim.object_body import half_extents
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.joints import moved_name
@@ -567,7 +567,15 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
     elif e.code == "TOO_HEAVY":
         sentence = f"{name} ({facts['mass']:g} kg) is too heavy for the grip: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
-    opening = _opening(e)
+    gripper = _gripper(e)
+    if e.code in ("SLIPPED", "DROPPED") and gripper and float(facts["mass"]) > gripper.payload:
+        # An arm that estimates its payload does not refuse it before.
+        sentence = (
+            f"{name} ({facts['mass']:g} kg) is too heavy for the grip: {gripper.name} may hold "
+            f"{gripper.payload:g} kg; {e.reason}"
+        )
+        yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
+    opening = gripper.stroke or None if gripper else None
     sides = facts["size"]
     if 0 < len(sides) < 3:  # a radius, and a length
         sides = 2.0 * half_extents(facts["shape"], sides, np.eye(3))
@@ -611,15 +619,14 @@ def _crowded(e: Evidence, name: str, beside: list[tuple[str, float]]) -> Cause:
     return e.cause("NO_ROOM", sentence, f"move {beside[0][0]} away, or remove it first")
 
 
-def _opening(e: Evidence) -> float | None:
-    """Largest opening of the arm's fingers in m; None for a cup or an unknown gripper."""
+def _gripper(e: Evidence) -> Gripper | None:
+    """Gripper of the arm; None if it has none, or its description cannot be read."""
     mounted = e.record.arms[e.arm].get("gripper")
     name = mounted.get("kind") if isinstance(mounted, dict) else mounted
     try:
-        gripper = load_gripper(str(name), Path(e.record.start["path"]).parent)
+        return load_gripper(str(name), Path(e.record.start["path"]).parent)
     except (DualArmError, OSError, ValueError):
         return None
-    return gripper.stroke or None
 
 
 VISION_CODES: Final = frozenset({"NOT_SEEN", "LOST", "NOT_FOLLOWING", "NOT_STILL"})

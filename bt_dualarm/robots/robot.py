@@ -878,6 +878,7 @@ class Robot:
         flange: Flange on which grippers are mounted.
         tool_shape: Cylinder that ends in the tool frame, if the URDF has no tool of its own.
         payload: Largest mass that it may carry, kg; None if the description gives none.
+        gripper: Name of the gripper that is mounted, for which the payload is; empty without one.
         exclusions: Pairs of links whose contacts are ignored.
         colors: RGBA of links by name; ``default`` is for all others.
         locked: Joints that could move but are locked, by name.
@@ -903,6 +904,12 @@ class Robot:
     colors: Mapping[str, tuple[float, float, float, float]]
     locked: Mapping[str, LockedJoint] = field(default_factory=dict)
     other_arms: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    gripper: str = ""
+
+    @property
+    def full_name(self) -> str:
+        """Its name, with that of its gripper if one is mounted."""
+        return f"{self.name} with {self.gripper}" if self.gripper else self.name
 
     @property
     def dof(self) -> int:

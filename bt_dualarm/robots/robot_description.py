@@ -611,6 +611,7 @@ def with_gripper(robot: Robot, gripper: Gripper) -> Robot:
         tool=gripper.tool,
         tool_shape=None,
         payload=payload,
+        gripper=gripper.name,
         cameras={
             name: _on_remaining_link(robot, mount, removed) for name, mount in robot.cameras.items()
         },

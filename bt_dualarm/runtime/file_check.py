@@ -406,7 +406,7 @@ def overloads(
                 mass = 0.0 if spec is None else spec.total_mass
                 if payload is not None and mass > payload:
                     message = f"{node.kind}: {port}: {name_of_object} weighs {mass:g} kg"
-                    hint = f"the payload of {name}, a {robots[name].name}, is {payload:g} kg"
+                    hint = f"the payload of {name}, a {robots[name].full_name}, is {payload:g} kg"
                     yield replace(node.port_problem((port,), message, hint), severity="warning")
 
 

@@ -209,6 +209,17 @@ def test_the_remedy_for_an_assumed_mass_is_to_give_it(tmp_path: Path) -> None:
     assert cause.remedy == "give the leaf the mass: mass: 0.2"
 
 
+def test_a_load_that_slips_out_of_the_hand_is_too_heavy_for_it(tmp_path: Path) -> None:
+    """An arm that estimates its payload takes hold of anything; only the reason was repeated."""
+    text = FILE.format(size=[0.025] * 3, height=0.4125, steps=f"[{GRASP}]", others="")
+    heavy = text.replace("mass: 0.2", "mass: 23").replace("robot: ur5", "robot: ur10e")
+    [story] = stories(recorded(tmp_path, heavy.replace("table,", "table, reality: rough,")))
+    assert story.code in ("DROPPED", "SLIPPED")
+    cause = story.causes[0]
+    assert cause.kind == "OVERLOADED", cause
+    assert "obj (23 kg) is too heavy for the grip: robotiq_2f85 may hold 5 kg" in cause.sentence
+
+
 def test_open_gripper_is_named_as_the_leaf_that_released(tmp_path: Path) -> None:
     """`insert`, which keeps hold of its peg, was taken for such a leaf, and this was not."""
     text = FILE.format(
