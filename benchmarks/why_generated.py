@@ -779,7 +779,7 @@ FAULTS: Final[Mapping[str, Sequence[Fault]]] = {
         Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
         Fault("a heavy bin", _heavy_crate, ("OVERLOADED", "TOO_HEAVY")),
         Fault("a fixed bin", _fixed_crate, ("FIXED",)),
-        Fault("a small bin", _small_crate, ("IN_THE_WAY", "NO_ROOM", "NOT_SUPPORTED")),
+        Fault("a small bin", _small_crate, ("IN_THE_WAY", "TOO_NARROW", "NOT_SUPPORTED")),
         Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
         Fault("let go before", _let_go_before, ("LET_GO", "FELL")),
         Fault("removed by a fault", _removed_by_fault, ("INJECTED",)),

@@ -158,6 +158,8 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("SPILLED", e.reason, "a slower motion, or a carrier with walls")
     yield from _moved_since(e)
     if e.code == "UNKNOWN_POSE":
+        absences = [absence(e, other) for other in sorted(referred_to(e))]
+        yield from (one for one in absences if one is not None)
         remedy = "let `locate` find it before, or give the pose in the world"
         yield e.cause("POSE_UNKNOWN", e.reason, remedy)
     if e.code == "NOT_SPAWNED":

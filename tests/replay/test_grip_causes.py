@@ -394,3 +394,11 @@ def test_what_knocked_an_object_out_of_the_hand_is_named(
     assert cause.kind == "RAN_INTO"
     assert cause.sentence.startswith("obj ran into wall at ")
     assert cause.remedy.startswith("move wall away")
+
+
+def test_an_object_to_which_a_pose_is_relative_was_never_spawned(tmp_path: Path) -> None:
+    """The reason was repeated, with the advice to locate what is not in the world."""
+    crate = NEIGHBOR.replace("mass: 1", "mass: 1, spawned: false")
+    cause = why(tmp_path, CUBE, f"[{GRASP}, place: {{at: {{on: beside}}}}]", crate)
+    assert cause.kind == "NOT_SPAWNED_YET", cause
+    assert cause.remedy == "a leaf that spawns beside before"
