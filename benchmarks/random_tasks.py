@@ -487,7 +487,13 @@ def _contacts(dice: Dice) -> Task:
     size = dice.number(30, 60, 0)
     path: Tree = dice.one(
         [
-            {"follow_path": {"points": [[0, 0], [size, 0], [size, size]], "plane": "xy"}},
+            {
+                "follow_path": {
+                    "points": [[0, 0], [size, 0], [size, size]],
+                    "plane": "xy",
+                    "tool_speed": 0.03,
+                }
+            },
             {"draw": {"points": [[0.03, 0], [0, 0.03], [-0.03, 0]], "plane": "xy"}},
             {"circle": {"plane": "xy", "radius": dice.number(0.02, 0.04)}},
         ]

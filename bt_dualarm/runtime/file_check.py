@@ -14,7 +14,6 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
-from bt_dualarm.collision.checker import STANDING
 from bt_dualarm.collision.distance import RESTING_MARGIN_M, ArmDistance
 from bt_dualarm.core.errors import (
     CatalogError,
@@ -960,9 +959,7 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     overlaps = [
         error
         for error in world.overlaps(SHALLOW_DEPTH)
-        if error.depth > MAX_DEPTH
-        or error.obj in file.objects
-        or (error.depth > STANDING and not _gives_way(file, error.other))
+        if error.depth > MAX_DEPTH or error.obj in file.objects or not _gives_way(file, error.other)
     ]
     overlapping = [{error.obj, error.other} for error in overlaps]
     return [

@@ -11,6 +11,7 @@ import shutil
 import stat
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
@@ -238,6 +239,7 @@ class RecordFolder:
         self.path = path
         self._names = [*_FILES, *_plots_of(arms)]
         self._is_withdrawn = False
+        self._is_new = not path.exists()
         try:
             path.mkdir(parents=True, exist_ok=True)
             was_left = (path / LOCK).exists()
@@ -264,7 +266,10 @@ class RecordFolder:
         self.release()
 
     def withdraw(self) -> None:
-        """Let the end of the block delete the files of this run and restore those set aside."""
+        """Let the end of the block delete the files of this run and restore those set aside.
+
+        A folder that it has created is deleted as well.
+        """
         self._is_withdrawn = True
 
     def release(self) -> None:
@@ -278,6 +283,9 @@ class RecordFolder:
             _remove_folder(self.path / EARLIER)
         finally:
             self._unlock()
+        if self._is_withdrawn and self._is_new:
+            with suppress(OSError):  # something else has written to it meanwhile
+                self.path.rmdir()
 
     def _unlock(self) -> None:
         """Release the lock; its file is deleted before that, see `_locked`."""

@@ -132,11 +132,18 @@ def suggestion(given: object, valid: Iterable[str], noun: str) -> str:
     meant = meant_by(str(given), names)
     if meant:
         return f"here it is '{meant}'"
+    if str(given).lower() in _FIXED:
+        return _FIXED[str(given).lower()]
     close = nearest(str(given), names)
     if close:
         return f"did you mean '{close}'?"
     return f"available: {', '.join(names)}" if names else f"no {noun} is available"
 
+
+_FIXED: Final[Mapping[str, str]] = {
+    "gravity": "it is always 9.81 m/s² downward: turn the `base` of an arm instead",
+}
+"""What other formats let one choose, and what holds here."""
 
 _SYNONYMS: Final[Mapping[str, str]] = {
     "pos": "xyz pose", "position": "xyz pose", "translation": "xyz",
@@ -149,7 +156,8 @@ _SYNONYMS: Final[Mapping[str, str]] = {
     "model": "robot", "tool": "gripper", "hand": "gripper", "end_effector": "gripper",
     "target": "to at", "goal": "to at", "destination": "to at", "pose": "to at",
     "velocity": "speed", "vel": "speed", "file": "scene",
-    "body": "child", "node": "child", "do": "child", "if": "condition", "cond": "condition",
+    "body": "child", "node": "child", "do": "child then", "elif": "else", "else_if": "else",
+    "if": "condition", "cond": "condition",
     "frame": "in_frame", "frame_id": "in_frame", "relative_to": "in_frame", "parent": "in_frame",
     "reference": "in_frame", "over": "above", "onto": "on", "on_top_of": "on", "next_to": "beside",
     "object": "color",

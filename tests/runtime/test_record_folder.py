@@ -160,6 +160,17 @@ def test_a_withdrawn_record_leaves_the_earlier_one(tmp_path: Path) -> None:
         assert contents(tmp_path) == before
 
 
+@pytest.mark.parametrize("note", ["", "notes.txt"])
+def test_a_withdrawn_record_leaves_no_folder_that_it_has_created(note: str, tmp_path: Path) -> None:
+    """A refused `bt-run --resume` left an empty one."""
+    path = tmp_path / "new"
+    with RecordFolder(path, ["arm1"]) as folder:
+        if note:
+            (path / note).write_text("mine")
+        folder.withdraw()
+    assert path.exists() == bool(note)
+
+
 def test_files_set_aside_by_a_killed_run_are_removed(tmp_path: Path) -> None:
     """They were those of the run before it; other files in their folder are not touched."""
     (tmp_path / EARLIER).mkdir()

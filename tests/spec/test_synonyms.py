@@ -10,6 +10,7 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType, kind_hint, synonyms_in
+from bt_dualarm.spec.problems import suggestion
 
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
 SYNONYMS = synonyms_in(LANGUAGE.values())
@@ -73,3 +74,19 @@ arms: {{arm1: {{robot: panda, tree: {{reach_to_pose: {{to: {pose}}}}}}}}}
 """
     [problem] = check(tree, Registry.load().kinds).problems
     assert problem.hint == f"here it is '{meant}'"
+
+
+@pytest.mark.parametrize(
+    ("given", "valid", "hint"),
+    [
+        ("gravity", ("scene", "reality"), "it is always 9.81 m/s² downward"),
+        ("elif", ("condition", "then", "else"), "here it is 'else'"),
+        ("do", ("condition", "then", "else"), "here it is 'then'"),
+        ("do", ("condition", "child"), "here it is 'child'"),
+    ],
+)
+def test_what_other_formats_have_leads_to_what_there_is(
+    given: str, valid: tuple[str, ...], hint: str
+) -> None:
+    """`gravity` was taken for `reality`."""
+    assert suggestion(given, valid, "field").startswith(hint)
