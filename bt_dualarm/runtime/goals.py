@@ -46,6 +46,8 @@ class Referee(IdleObserver):
         self._always = file.always
         self._never = file.never
         self._forces: dict[str, ContactMonitor] = {}
+        self._model: mujoco.MjModel | None = None
+        self._body_of: Mapping[str, int] = {}
         self._held_since: dict[str, float | None] = {}
         self._next = 0.0
         self._lasting = {name: one for name, one in file.goal.items() if one.lasting}
@@ -120,42 +122,47 @@ class Referee(IdleObserver):
                 return f"{one.object} is taken away by the fault {fault!r}"
             subject = one.object
             pose = world.object_pose(subject)
-            center = world.object_middle(subject)
         else:
             if one.tool is None or one.tool not in world.arms:
                 return f"{one.tool} is not in the world"
             subject = f"the tool of {one.tool}"
             pose = world.arms[one.tool].tool_pose
-            center = pose.position
-        checks = (
-            self._away(one, subject, pose),
-            self._outside(one, subject, center),
-            self._not_on(one),
-            _tilted(one, subject, pose),
-            _at_another_height(one, subject, center),
-            self._held_otherwise(one),
-            self._too_fast(one, subject),
-            self._too_firm(one),
-            self._too_near(one, subject, center),
-            self._joint_elsewhere(one),
+        return (
+            self._away(one, subject, pose)
+            or self._outside(one, subject, pose)
+            or self._not_on(one)
+            or _tilted(one, subject, pose)
+            or self._at_another_height(one, subject, pose)
+            or self._held_otherwise(one)
+            or self._too_fast(one, subject)
+            or self._too_firm(one)
+            or self._too_near(one, subject, pose)
+            or self._joint_elsewhere(one)
         )
-        return next(filter(None, checks), "")
+
+    def _center(self, one: ConditionSpec, pose: Pose) -> Vector:
+        """Center of an object, or the tool's position, of shape (3,), m."""
+        return pose.position if one.object is None else self._world.object_middle(one.object)
 
     def _away(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
         if one.at is None:
             return ""
         goal = one.at.pose_from(pose)
-        if one.object is None:
-            distance, angle = pose.distance(goal), pose.angle(goal)
-        else:
-            distance, angle = KnownShape.of(self._world.objects[one.object]).away(pose, goal)
+        distance, angle = pose.distance(goal), 0.0
+        shape = None if one.object is None else KnownShape.of(self._world.objects[one.object])
+        if shape is None:
+            angle = pose.angle(goal)
+        elif distance <= one.within or any(shape.center):
+            # Up to the symmetry of the object, which takes a tenth of a millisecond: its frame may
+            # be elsewhere then, unless it is in the center.
+            distance, angle = shape.away(pose, goal)
         if distance > one.within:
             return f"{subject} is {_mm(distance)} from its place, not within {_mm(one.within)}"
         if math.degrees(angle) > one.angle:
             return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
         return ""
 
-    def _outside(self, one: ConditionSpec, subject: str, point: Vector) -> str:
+    def _outside(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
         if one.in_zone is None:
             return ""
         zone = self._zones[one.in_zone]
@@ -164,7 +171,7 @@ class Referee(IdleObserver):
             if zone.around not in self._world.objects:
                 return f"the zone {one.in_zone} is around {zone.around}, which is not in the world"
             frame = self._world.object_pose(zone.around) @ frame
-        distance = zone.outside_by(frame.inverse.apply(point))
+        distance = zone.outside_by(frame.inverse.apply(self._center(one, pose)))
         return f"{subject} is {_mm(distance)} outside {one.in_zone}" if distance > 0.0 else ""
 
     def _not_on(self, one: ConditionSpec) -> str:
@@ -172,22 +179,29 @@ class Referee(IdleObserver):
             return ""
         if one.on not in self._world.objects:
             return f"{one.on} is not in the world"
-        model, data = self._world.model, self._world.data
-        upper = self._world.object_body(one.object)
-        supports = set[int]()
-        for contact in data.contact:
-            bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom]
-            if upper in bodies:
-                # The normal points from the first geom to the second one.
-                up = float(contact.frame[2]) * (1.0 if bodies[1] == upper else -1.0)
-                if up > 0.5:
-                    supports.add(bodies[0] if bodies[1] == upper else bodies[1])
-        if self._world.object_body(one.on) in supports:
+        bodies = self._bodies
+        upper = bodies[one.object]
+        found = self._world.data.contact
+        first, second = self._body_of_geom[found.geom].T
+        # The normal points from the first geom to the second one.
+        up = found.frame[:, 2]
+        supports = {*first[(second == upper) & (up > 0.5)].tolist()}
+        supports |= {*second[(first == upper) & (up < -0.5)].tolist()}
+        if bodies[one.on] in supports:
             return ""
-        objects = self._world.objects
-        others = [name for name in objects if self._world.object_body(name) in supports]
+        others = [name for name in self._world.objects if bodies[name] in supports]
         but = f", but on {' and '.join(others)}" if others else ""
         return f"{one.object} does not stand on {one.on}{but}"
+
+    @property
+    def _bodies(self) -> Mapping[str, int]:
+        """Ids of the bodies of all objects, until the world is compiled again."""
+        world = self._world
+        if self._model is not world.model:
+            self._model = world.model
+            self._body_of_geom = np.array(world.model.geom_bodyid)
+            self._body_of = {name: world.object_body(name) for name in world.objects}
+        return self._body_of
 
     def _held_otherwise(self, one: ConditionSpec) -> str:
         if one.object is None or (one.held is None and one.held_by is None):
@@ -243,7 +257,14 @@ class Referee(IdleObserver):
         where = hung.spec.in_words(position)
         return f"{name} is at {where}, not between {one.between[0]:g} and {one.between[1]:g}"
 
-    def _too_near(self, one: ConditionSpec, subject: str, point: Vector) -> str:
+    def _at_another_height(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
+        if one.height is None:
+            return ""
+        height = float(self._center(one, pose)[2])
+        low, high = one.height
+        return "" if low <= height <= high else f"{subject} is at a height of {height:.3f} m"
+
+    def _too_near(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
         if one.distance_to is None:
             return ""
         world = self._world
@@ -253,7 +274,7 @@ class Referee(IdleObserver):
             other = world.arms[one.distance_to].tool_pose.position
         else:
             return ""
-        distance = float(np.linalg.norm(point - other))
+        distance = float(np.linalg.norm(self._center(one, pose) - other))
         if distance >= one.apart:
             return ""
         return f"{subject} is {_mm(distance)} from {one.distance_to}, not {_mm(one.apart)}"
@@ -270,14 +291,6 @@ def _tilted(one: ConditionSpec, subject: str, pose: Pose) -> str:
         return ""
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, float(pose.rotation_matrix[2, 2])))))
     return f"{subject} is tilted by {tilt:.1f}°" if tilt > one.tilt else ""
-
-
-def _at_another_height(one: ConditionSpec, subject: str, point: Vector) -> str:
-    if one.height is None:
-        return ""
-    height = float(point[2])
-    low, high = one.height
-    return "" if low <= height <= high else f"{subject} is at a height of {height:.3f} m"
 
 
 def _mm(meters: float) -> str:
