@@ -290,6 +290,13 @@ LEAST_AREA_PX: Final = 60.0
 _BACKGROUND: Final = 0.15
 """Fraction of an image above which regions at its edge may be the background of objects."""
 
+_BESIDE_PX: Final = 4.0
+"""Distance from an outline at which the arm is looked for that may cut it off: more than an error
+of the camera's mount shifts the hand in the image."""
+
+_CUT_SHARE: Final = 0.05
+"""Share of an outline beside the arm above which it counts as cut off."""
+
 _ASTRAY_PX: Final = 12.0
 """Gate of the association, in addition to half the object's width, px."""
 
@@ -344,9 +351,10 @@ class SightedObjects:
     Attributes:
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
+        behind_arm: Number of these that the arm itself may hide in part.
         beyond: Fraction of the last image covered by regions that go beyond its edge.
-        cut_off: Lines of sight to these, unless they are the background: position of the camera and
-            direction in the world, each of shape (3,).
+        cut_off: Lines of sight to these, unless they are the background, and to those that the arm
+            may hide in part: position of the camera and direction in the world, each of shape (3,).
     """
 
     def __init__(
@@ -363,7 +371,9 @@ class SightedObjects:
         self._region: tuple[Pose, Region] | None = None
         self.unlike = 0
         self.others_whole = 0
+        self.behind_arm = 0
         self.beyond = 0.0
+        self._shows_arm: Callable[[Frame, Matrix], npt.NDArray[np.bool_]] | None = None
         self.cut_off: list[tuple[Vector, Vector]] = []
         self._find = find
         self._fitter = fitter
@@ -404,6 +414,16 @@ class SightedObjects:
         self._region = frame, region
         return self
 
+    def beside(self, shows_arm: Callable[[Frame, Matrix], npt.NDArray[np.bool_]]) -> SightedObjects:
+        """Take for cut off what the arm itself may hide in part; returns the detector.
+
+        Args:
+            shows_arm: Function that tells which points of an image, relative to its center, of
+                shape (n, 2), px, show the arm.
+        """
+        self._shows_arm = shows_arm
+        return self
+
     @property
     def objects(self) -> list[SightedObject]:
         """Detected objects, in no particular order."""
@@ -440,10 +460,13 @@ class SightedObjects:
         """Process one image: refine known objects and add new ones."""
         found = [one for one in self._find(frame) if self._may_be_within(frame, one)]
         regions = [region for region in found if region.is_whole]
+        hidden = [region for region in regions if self._is_behind_arm(frame, region)]
+        regions = [region for region in regions if region not in hidden]
         cut = [region for region in found if not region.is_whole]
         area = sum(region.detection.area_px for region in cut)
         self.beyond = area / (frame.width * frame.height)
         self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
+        self.cut_off += [_sight(frame, region) for region in hidden]
         seen = list[SightedObject]()
         for obj in self._all:
             region = self._of(obj, regions)
@@ -451,7 +474,7 @@ class SightedObjects:
                 regions.remove(region)
                 self._refine(obj, region)
                 seen.append(obj)
-        self.unlike = 0
+        self.unlike = self.behind_arm = len(hidden)
         self.others_whole = 0
         for region in regions:
             fits = self._fitter.first(region)
@@ -476,9 +499,13 @@ class SightedObjects:
     def others(self) -> str:
         """Message about what else has the color in the last image."""
         reasons = []
-        if self.unlike:
-            are = "region is" if self.unlike == 1 else "regions are"
-            reasons.append(f"{self.unlike} {are} of another shape, partly occluded, or moving")
+        if self.behind_arm:
+            are = "region is" if self.behind_arm == 1 else "regions are"
+            reasons.append(f"{self.behind_arm} {are} partly hidden by the arm itself")
+        unlike = self.unlike - self.behind_arm
+        if unlike:
+            are = "region is" if unlike == 1 else "regions are"
+            reasons.append(f"{unlike} {are} of another shape, partly occluded, or moving")
         if self.is_ground:
             advice = "the background may have that color, too: choose another `color`"
             share = f"{100 * self.beyond:.0f} %"
@@ -486,6 +513,15 @@ class SightedObjects:
         elif self.beyond:
             reasons.append("an object extends beyond the image")
         return "; ".join(reasons) or self._none_found
+
+    def _is_behind_arm(self, frame: Frame, region: OutlineView) -> bool:
+        """Whether the arm may hide a part of a region: it is beside its outline."""
+        if self._shows_arm is None:
+            return False
+        outward = region.edge - region.middle
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True).clip(1e-6)
+        beside = self._shows_arm(frame, region.edge + _BESIDE_PX * outward)
+        return bool(beside.mean() > _CUT_SHARE)
 
     def fit(self, obj: SightedObject) -> ShapeFit:
         """Fit of the frame of an object; of equivalent poses the one with the smallest rotation."""

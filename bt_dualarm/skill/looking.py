@@ -130,7 +130,11 @@ class SightPorts(PortModel):
     def _sighted(self, arm: Arm) -> SightedObjects:
         """Detector of such objects anywhere."""
         if self.object is not None:
-            return self._like(arm.world.declared_objects[self.object])
+            seen = self._like(arm.world.declared_objects[self.object])
+            own = self.object
+            if self.is_by_marker:
+                return seen
+            return seen.beside(lambda frame, points: shows_arm(arm, frame, points, own))
         if self.marker is not None:
             return SightedObjects.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
@@ -140,7 +144,8 @@ class SightPorts(PortModel):
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
             raise Failure("INVALID_TARGET", reason)
         shape = KnownShape(self.shape, self.size)
-        return SightedObjects.of_color(self.color, shape, flat=self.flat)
+        seen = SightedObjects.of_color(self.color, shape, flat=self.flat)
+        return seen.beside(lambda frame, points: shows_arm(arm, frame, points))
 
     def _like(self, obj: ObjectSpec) -> SightedObjects:
         """Detector of objects that look like a declared one."""
@@ -483,12 +488,26 @@ def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
         (np.arange(columns) + 0.5) * frame.width / columns - 0.5 * frame.width,
         (np.arange(rows) + 0.5) * frame.height / rows - 0.5 * frame.height,
     )
-    ahead = np.full(x.size, frame.focal_px)
-    rays = np.column_stack((x.ravel(), y.ravel(), ahead)) / frame.focal_px
+    return shows_arm(arm, frame, np.column_stack((x.ravel(), y.ravel()))).reshape(rows, columns)
+
+
+def shows_arm(arm: Arm, frame: Frame, points: Matrix, wanted: str | None = None) -> Mask:
+    """Which points of an image show the arm itself: its links, its hand, or what it holds.
+
+    Args:
+        arm: Arm with the camera, which has not moved since the exposure.
+        frame: The image.
+        points: Points relative to the image center, of shape (n, 2), px.
+        wanted: Name of a held object that does not count: the one that is looked for.
+
+    Returns:
+        Array of shape (n,); by the encoders and the shapes that plans use.
+    """
+    rays = np.column_stack((points, np.full(len(points), frame.focal_px))) / frame.focal_px
     rays = rays @ frame.pose.rotation_matrix.T
-    world = arm.world
-    mine = _hits_arm(arm, (world.model, world.sensed), frame.pose.position, rays) > 0.0
-    return mine.reshape(rows, columns)
+    state = arm.world.model, arm.world.sensed
+    shown: Mask = _hits_arm(arm, state, frame.pose.position, rays, wanted) > 0.0
+    return shown
 
 
 def _hides(arm: Arm, q: Vector, points: Matrix) -> bool:
@@ -507,7 +526,11 @@ def _hides(arm: Arm, q: Vector, points: Matrix) -> bool:
 
 
 def _hits_arm(
-    arm: Arm, state: tuple[mujoco.MjModel, mujoco.MjData], eye: Vector, rays: Matrix
+    arm: Arm,
+    state: tuple[mujoco.MjModel, mujoco.MjData],
+    eye: Vector,
+    rays: Matrix,
+    wanted: str | None = None,
 ) -> Vector:
     """How far along rays the arm is, with its hand and what it holds.
 
@@ -516,6 +539,7 @@ def _hits_arm(
         state: The model of its world, with the positions of all geoms.
         eye: Where the rays begin, in the world, of shape (3,), m.
         rays: Directions of any length, of shape (n, 3), m.
+        wanted: Name of a held object that does not count.
 
     Returns:
         Distances as multiples of the length of the rays, of shape (n,); -1 where something else, or
@@ -529,7 +553,8 @@ def _hits_arm(
     )
     own = set(world.arms[arm.name].geom_ids)
     for obj in arm.held:
-        own |= world.payload_geoms(obj)
+        if obj != wanted:
+            own |= world.payload_geoms(obj)
     model, _ = state
     welded = model.body_weldid
     mount = welded[model.camera(f"{arm.name}/{CAMERA}").bodyid]

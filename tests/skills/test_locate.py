@@ -381,3 +381,24 @@ def test_an_object_that_the_border_cuts_off_is_turned_to(robot: str, stage: Stag
     leaf = stage.run(file, seed=1).leaf("locate")
     assert leaf.status == "SUCCESS", leaf.reason
     assert float(leaf.metrics["located_error_m"]) < 0.003
+
+
+@pytest.mark.parametrize("y", some([-0.28, -0.26, -0.25], 1))
+def test_an_object_that_the_hand_hides_in_part_is_turned_to(y: float, stage: Stage) -> None:
+    """Its outline was taken for another shape: it was NOT_SEEN, or WRONG_SIZE."""
+    can = {"shape": "cylinder", "size": [0.02, 0.05], "mass": 0.1, "color": "red"}
+    arm = {
+        "robot": "xarm7",
+        "gripper": "robotiq_2f85",
+        "base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]},
+        "camera": {"mount": "wrist", "resolution": [320, 240], "fov": 60, "fps": 30},
+    }
+    look = {"look_at": {"at": {"xyz": [0.35, -0.45, 0.4]}, "distance": 0.45, "speed": 1.0}}
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+        "objects": {"can": can | {"pose": {"xyz": [0.39, y, 0.425]}}},
+        "arms": {"arm1": arm | {"tree": {"sequence": [look, {"locate": {"object": "can"}}]}}},
+    }
+    leaf = stage.run(file).leaf("locate")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["located_error_m"]) < 0.003
