@@ -324,6 +324,7 @@ def cup_measures(description: Gripper, friction: float) -> CupMeasures:
         bends=1e-3,
         most_force=description.force.most,
         friction=max(description.friction, friction),
+        length=-float((description.mount @ description.tool).inverse.position[2]),
     )
 
 

@@ -62,17 +62,23 @@ _LARGE = 0.02
 SHARES = (0.0, 0.5, -0.5)
 """Where along a long solid grasps are tried, as fractions of half its length."""
 
-_BEHIND = 10
-"""Number of balls of a cup's radius, one behind the other, that stand for the cup and its tube."""
-
 _WALL_GAP_M = 2e-3
 """Distance of a wall's flat segments from the round outside of an object, and the error of pads."""
 
 _SLENDER = 3
-"""Number of these balls in front of the arm's flange and wrist."""
+"""Length of a cup and its tube, in radii, if that is not given."""
 
 _WIDE = 2.5
-"""Radius of the balls that stand for flange and wrist, in those of the cup."""
+"""Radius of flange and wrist in those of a cup whose length is not given."""
+
+_WRIST_M = 0.05
+"""Radius of flange and wrist, m."""
+
+_WRIST_BALLS = 7
+"""Number of balls that stand for flange and wrist."""
+
+_MOST_FACES = 24
+"""Largest number of faces of a mesh on whose middle a cup is tried."""
 
 _MOST_EDGES = 24
 """Largest number of edges of a mesh on which a gripper may close."""
@@ -316,9 +322,22 @@ def _is_open(tool: Pose, cup: CupMeasures, others: Sequence[tuple[Solid, Pose]])
 
 def _cup_balls(cup: CupMeasures) -> tuple[Matrix, Vector]:
     """Balls that stand for a cup, its tube, flange and wrist: centers (n, 3), radii (n,), m."""
-    centers = np.zeros((_BEHIND, 3))
-    centers[:, 2] = -cup.radius * (1.0 + np.arange(_BEHIND))
-    return centers, np.where(np.arange(_BEHIND) < _SLENDER, 1.0, _WIDE) * cup.radius
+    length = cup.length or _SLENDER * cup.radius
+    wide = _WRIST_M if cup.length else _WIDE * cup.radius
+    tube = _tube_balls(cup)
+    depths = np.concatenate(
+        (
+            cup.radius * np.arange(1, tube + 1),
+            length + wide / _WIDE * np.arange(1, _WRIST_BALLS + 1),
+        )
+    )
+    centers = np.outer(depths, (0.0, 0.0, -1.0))
+    return centers, np.repeat((cup.radius, wide), (tube, _WRIST_BALLS))
+
+
+def _tube_balls(cup: CupMeasures) -> int:
+    """Number of the first balls, which stand for a cup and its tube."""
+    return max(round(cup.length / cup.radius), 1) if cup.length else _SLENDER
 
 
 def seals(solid: Solid, cup: CupMeasures, place: Vector, normal: Vector) -> bool:
@@ -341,9 +360,18 @@ def seals(solid: Solid, cup: CupMeasures, place: Vector, normal: Vector) -> bool
 def _places(
     solid: Solid, gravity: Vector, seed: int, point: Vector | None
 ) -> Iterator[tuple[Vector, Vector]]:
-    """Flat spots of the surface and their normals, each of shape (3,): ends of antipodal pairs."""
+    """Flat spots of the surface and their normals, each of shape (3,): ends of antipodal pairs.
+
+    Of a mesh, whose pairs are sampled, also the centers of its largest faces: hardly a sample is
+    where a cup fits on a face that is little wider than it is.
+    """
     length = float(np.linalg.norm(gravity))
     down = gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
+    if isinstance(solid, MeshSolid) and point is None:
+        for center, normal in zip(*(rows[:_MOST_FACES] for rows in solid.faces), strict=True):
+            spot = pad_contact(solid, center, normal, square_to(normal, down), _NORMAL_SPOT)
+            if spot is not None and spot.slope < _SMOOTH:
+                yield spot.middle, normal
     for pair in _pairs(solid, down, np.random.default_rng(seed), SHARES, point):
         for normal in (pair.axis, -pair.axis):
             spot = pad_contact(solid, pair.center, normal, pair.around, _NORMAL_SPOT)
@@ -654,7 +682,7 @@ def _rooms(
     """Clearance of palm and fingers, open or closed on the object, from the obstacles, m.
 
     Of grasps in collision, any value below `-_TOUCHING`. A cup has at least 0, as the balls that
-    stand for it are wider than it is.
+    stand for it are wider than it is, unless an obstacle contains a point of its axis.
     """
     rooms = np.full(len(grasps), math.inf)
     if hand is None or not grasps:
@@ -662,11 +690,15 @@ def _rooms(
     if isinstance(hand, CupMeasures):
         centers, radii = _cup_balls(hand)
         points = np.vstack([(object_pose @ grasp.tool).apply(centers) for grasp in grasps])
+        is_within = np.zeros(len(grasps), np.bool_)
+        tube = _tube_balls(hand)
         for obstacle in obstacles:
             away = obstacle.solid.distance(obstacle.pose.inverse.apply(points))
-            rooms = np.minimum(rooms, (away.reshape(len(grasps), -1) - radii).min(axis=1))
-        positive: list[float] = np.maximum(rooms, 0.0).tolist()
-        return positive
+            away = away.reshape(len(grasps), -1)
+            rooms = np.minimum(rooms, (away - radii).min(axis=1))
+            is_within |= (away[:, :tube] < 0.0).any(axis=1)
+        found: list[float] = np.where(is_within, -math.inf, np.maximum(rooms, 0.0)).tolist()
+        return found
     from bt_dualarm.grasping.grasp_kernels import lower_clearances
 
     # In the object's frame, where the grasps are given: only the obstacles need a transform.

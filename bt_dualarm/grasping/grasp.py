@@ -226,6 +226,19 @@ class MeshSolid(Solid):
         middles = np.array([edge[1] for edge in found]).reshape(-1, 3)
         return middles, np.array([edge[2] for edge in found]).reshape(-1, 3)
 
+    @cached_property
+    def faces(self) -> tuple[Matrix, Matrix]:
+        """Centers of the flat faces, m, and their unit normals, both of shape (n, 3), by area."""
+        a, b, c = self.corners.transpose(1, 0, 2)
+        areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        planes = np.round(np.column_stack((self.normals, self._planes)), 6) + 0.0  # no -0
+        order = np.lexsort(planes.T)
+        starts = np.flatnonzero((np.diff(planes[order], axis=0) != 0.0).any(axis=1)) + 1
+        groups = sorted(np.split(order, starts), key=lambda group: -float(areas[group].sum()))
+        middles = self.corners.mean(axis=1)
+        centers = [areas[group] @ middles[group] / areas[group].sum() for group in groups]
+        return np.array(centers), self.normals[[group[0] for group in groups]]
+
     def farthest_hit(self, origin: Vector, direction: Vector) -> tuple[Vector, Vector] | None:
         """Last intersection of a ray with the surface, and the normal there, each of shape (3,).
 
@@ -392,12 +405,14 @@ class CupMeasures:
         bends: Depth by which the rim adapts to a curved surface, m.
         most_force: Largest suction force, N.
         friction: Coefficient of sliding friction of the rim.
+        length: Distance from the rim back to the arm's flange, m; 0 for three radii.
     """
 
     radius: float
     bends: float
     most_force: float
     friction: float
+    length: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

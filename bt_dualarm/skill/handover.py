@@ -442,8 +442,7 @@ class HandoverSearch:
         description = world.grippers[arm.name].gripper
         if not description.fingers:
             cup = cup_measures(description, friction)
-            most = min(cup.most_force, most_force)
-            cup = CupMeasures(cup.radius, cup.bends, most, cup.friction)
+            cup = replace(cup, most_force=min(cup.most_force, most_force))
             return cup_grasps(self._solid, cup, load)
         jaw = jaw_measures(description, friction)
         jaw = replace(jaw, palm=jaw.palm - _PALM_M)

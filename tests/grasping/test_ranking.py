@@ -75,12 +75,19 @@ def test_fingers_do_not_collide_with_walls() -> None:
     assert all(abs(one.tool.rotation_matrix[0, 1]) < 0.8 for one in found)
 
 
-def test_obstacles_do_not_exclude_grasps_with_a_cup() -> None:
-    grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
-    inside = Obstacle(Box(np.full(3, 0.2)), Pose.identity())
-    assert ranked(grasps, Pose.identity(), JAW, [inside], no_cost) == ()
-    for hand in (None, CUP):
-        assert len(ranked(grasps, Pose.identity(), hand, [inside], no_cost)) == len(grasps)
+def test_a_cup_below_an_object_on_a_table_has_no_room() -> None:
+    """Its axis leads into the table; the balls that stand for it, which are wider, do not count."""
+    grasps = cup_grasps(solid_of("box", (0.06, 0.06, 0.03)), CUP, LOAD)
+    pose = Pose.from_rpy((0.0, 0.0, 0.015))
+    found = ranked(grasps, pose, CUP, [TABLE], no_cost)
+    assert len(found) == 4
+    assert all(one.tool.rotation_matrix[2, 2] == pytest.approx(-1.0) for one in found)
+    walls = [
+        Obstacle(Box(np.array([0.01, 1.0, 0.1])), Pose.from_rpy((side * 0.021, 0.0, 0.15)))
+        for side in (-1, 1)
+    ]
+    assert len(ranked(grasps, pose, CUP, [TABLE, *walls], no_cost)) == 4
+    assert len(ranked(grasps, pose, None, [TABLE], no_cost)) == len(grasps)
 
 
 def test_a_cup_prefers_faces_with_room_for_the_wrist() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,34 @@ def test_floor_below_a_narrow_opening_is_out_of_reach() -> None:
     obj = ObjectSpec(shape="cup", size=(0.03, 0.12), wall=0.003, mass=0.2)
     found = cup_grasps(body_of(obj).solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
     assert not [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
+
+
+@pytest.mark.parametrize("sides", [4, 5, 6])
+def test_a_face_little_wider_than_the_cup_is_found(sides: int) -> None:
+    """Sampled spots of a prism's face were all too near to its edge: there was no grasp."""
+    inner = 0.022  # of the circle within the face
+    size = (inner / math.cos(math.pi / sides), 0.08)
+    prism = body_of(ObjectSpec(shape="prism", size=size, sides=sides, mass=0.2))
+    found = cup_grasps(prism.solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
+    tops = [one for one in found if one.tool.position[2] > 0.039]
+    assert tops
+    assert all(float(np.linalg.norm(one.tool.position[:2])) < 2e-3 for one in tops)
+
+
+def test_a_long_tube_reaches_deeper_between_walls() -> None:
+    """A cup of 20 mm radius at the end of a tube of 0.13 m reaches the floor of a bin of 0.1 m."""
+    size = (0.12, 0.10, 0.10)
+    spec = ObjectSpec(shape="bin", size=size, mass=0.2)
+    load = Load(0.2, DOWN, 8.0, np.zeros(3))
+    slender = replace(STIFF, length=0.14)
+
+    def on_floor(cup: CupMeasures) -> int:
+        found = cup_grasps(body_of(spec).solid, cup, load)
+        axes = [(one.tool.position[2], one.tool.rotation_matrix[2, 2]) for one in found]
+        return sum(z < 0.0 and down < -0.9 for z, down in axes)
+
+    assert on_floor(STIFF) == 0
+    assert on_floor(slender) > 0
 
 
 def test_cup_seals_on_curvature_within_the_bend_of_its_rim() -> None:
