@@ -40,11 +40,12 @@ from bt_dualarm.robots.robot_description import (
     with_gripper,
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
-from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
+from bt_dualarm.runtime.grasp_check import unfit_grasps
+from bt_dualarm.sim.composition import name_of_geom, names_in, scene_names, scene_spec
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.looking import SightPorts
+from bt_dualarm.skill.looking import SightPorts, geoms_ahead
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.goals import SECTIONS
@@ -903,6 +904,7 @@ def check(
         *names.warnings,
         *out_of_reach(file, robots, kinds),
         *overloads(file, robots, kinds),
+        *unfit_grasps(file, kinds),
         *joint_actions(file, robots, kinds),
         *missing_markers(file, kinds),
         *undetectable(file, kinds),
@@ -965,6 +967,7 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     return [
         *(_overlap(file, source, error) for error in overlaps),
         *_near_arms(world, source, overlapping),
+        *_blind_cameras(file, source, world),
     ]
 
 
@@ -996,6 +999,34 @@ def _near_arms(world: World, source: Source, overlapping: Sequence[set[str]]) ->
                     else f"no motion may begin there: another base, or another posture of {name}"
                 )
                 yield replace(_at_base(source, name, message, hint), severity="warning")
+
+
+_RAYS: Final = 24
+"""Rays along each axis of an image by which the hidden share of it is estimated."""
+
+
+def _blind_cameras(file: TreeFile, source: Source, world: World) -> Iterator[Problem]:
+    """Yields a warning for each wrist camera before whose image center the arm's own hand is.
+
+    Skills turn the camera so that what they look for is there.
+    """
+    for name, arm in file.arms.items():
+        if arm.camera is None or not arm.carries_camera or name not in world.arms:
+            continue
+        body = world.arms[name]
+        half = math.tan(0.5 * math.radians(arm.camera.fov))
+        width, height = arm.camera.resolution
+        y, x = np.meshgrid(*2 * [np.linspace(-half, half, _RAYS)], indexing="ij")
+        rays = np.column_stack((x.ravel() * width / height, y.ravel(), np.ones(x.size)))
+        rays = np.vstack(((0.0, 0.0, 1.0), rays))
+        geoms = geoms_ahead(world, name, rays)
+        if int(geoms[0]) in body.tool_geom_ids:
+            link = name_of_geom(world.model, int(geoms[0]))
+            share = f"{100 * np.isin(geoms[1:], list(body.tool_geom_ids)).mean():.0f} %"
+            message = f"{link} hides the center of the camera's image, and {share} of it"
+            hint = "what skills look for is there: another `mount`, or a narrower gripper"
+            path = ("arms", name, "camera")
+            yield replace(source.problem(path, message, hint, key=True), severity="warning")
 
 
 def _at_base(source: Source, arm: str, message: str, hint: str = "") -> Problem:

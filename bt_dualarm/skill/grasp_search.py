@@ -106,7 +106,9 @@ supports. `operate` closes firmer, by its port ``force``."""
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
-_LIGHT_KG = 1e-6  # mass that any grasp bears
+LIGHT_KG = 1e-6
+"""Mass that any grasp bears, kg."""
+
 _WIDE = 50.0  # m: half the edge of the box that stands for a plane
 _ALONG = 0.99  # cosine above which fingers close along the given width
 _AS_ASKED = math.cos(math.radians(30.0))  # largest angle to the given approach
@@ -413,7 +415,7 @@ def _grasps_on(
 
     found, of_any_kind = bearing(load)
     if not found:
-        lighter = bool(bearing(replace(load, mass=_LIGHT_KG))[0])
+        lighter = bool(bearing(replace(load, mass=LIGHT_KG))[0])
         bears = f"bears {wanted.weight}" if lighter else "is possible"
         do = "do" if lighter else "are"
         raise Failure(
@@ -434,7 +436,7 @@ def _grasps_on(
             worst = sorted(left, key=lambda name: left[name])
             # What leaves no grasp by itself is the reason, else the two that leave fewest.
             worst = worst[: 1 if left[worst[0]] == 0 else 2]
-            if free(bearing(replace(load, mass=_LIGHT_KG))[0], obstacles):
+            if free(bearing(replace(load, mass=LIGHT_KG))[0], obstacles):
                 raise Failure(
                     "TOO_HEAVY",
                     f"the grasps with which {description.name} bears {wanted.weight} of "
@@ -584,7 +586,7 @@ def _no_grasp(
     solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp, point: Vector | None
 ) -> Failure:
     """Failure that states why there is no grasp, or none at a point: the mass or the shape."""
-    light = Load(_LIGHT_KG, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
+    light = Load(LIGHT_KG, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
     description = arm.gripper.description
     friction = wanted.friction(arm.world)
     where = "" if point is None else " at `point`"

@@ -526,11 +526,7 @@ def _hides(arm: Arm, q: Vector, points: Matrix) -> bool:
 
 
 def _hits_arm(
-    arm: Arm,
-    state: tuple[mujoco.MjModel, mujoco.MjData],
-    eye: Vector,
-    rays: Matrix,
-    wanted: str | None = None,
+    arm: Arm, state: _State, eye: Vector, rays: Matrix, wanted: str | None = None
 ) -> Vector:
     """How far along rays the arm is, with its hand and what it holds.
 
@@ -538,7 +534,7 @@ def _hits_arm(
         arm: The arm.
         state: The model of its world, with the positions of all geoms.
         eye: Where the rays begin, in the world, of shape (3,), m.
-        rays: Directions of any length, of shape (n, 3), m.
+        rays: Directions of any length in the world, of shape (n, 3), m.
         wanted: Name of a held object that does not count.
 
     Returns:
@@ -546,22 +542,52 @@ def _hits_arm(
         nothing, is hit first.
     """
     world = arm.world
-    geoms = np.empty(len(rays), np.int32)
-    away = np.empty(len(rays))
-    mujoco.mj_multiRay(
-        *state, eye, rays.ravel(), None, True, -1, geoms, away, None, len(rays), mujoco.mjMAXVAL
-    )
+    geoms, away = _first_hits(state, arm.name, eye, rays)
     own = set(world.arms[arm.name].geom_ids)
     for obj in arm.held:
         if obj != wanted:
             own |= world.payload_geoms(obj)
-    model, _ = state
-    welded = model.body_weldid
-    mount = welded[model.camera(f"{arm.name}/{CAMERA}").bodyid]
-    is_mount = welded[model.geom_bodyid[geoms]] == mount
-    near = np.where(is_mount, _NEAREST_M / np.linalg.norm(rays, axis=1), 0.0)
-    found: Vector = np.where(np.isin(geoms, list(own)) & (away > near), away, -1.0)
+    found: Vector = np.where(np.isin(geoms, list(own)), away, -1.0)
     return found
+
+
+def geoms_ahead(world: World, name: str, rays: Matrix) -> npt.NDArray[np.int32]:
+    """First geoms before an arm's camera, by the encoders and the shapes that plans use.
+
+    Args:
+        world: World with the arm.
+        name: Name of the arm.
+        rays: Directions in the camera's frame, of shape (n, 3).
+
+    Returns:
+        Geoms, of shape (n,); -1 where there is none.
+    """
+    state = world.model, world.sensed
+    camera = world.nominal[name].camera_pose_at(world.sensed.qpos[world.arms[name].qpos_ids])
+    return _first_hits(state, name, camera.position, rays @ camera.rotation_matrix.T)[0]
+
+
+_State: TypeAlias = tuple[mujoco.MjModel, mujoco.MjData]
+
+
+def _first_hits(
+    state: _State, name: str, eye: Vector, rays: Matrix
+) -> tuple[npt.NDArray[np.int32], Vector]:
+    """First geoms along rays from an arm's camera; -1 where there is none.
+
+    Also the distances to them, as multiples of the length of the rays; arguments as `_hits_arm`.
+    """
+    model, data = state
+    geoms = np.empty(len(rays), np.int32)
+    away = np.empty(len(rays))
+    mujoco.mj_multiRay(
+        model, data, eye, rays.ravel(), None, True, -1, geoms, away, None, len(rays),
+        mujoco.mjMAXVAL,
+    )  # fmt: skip
+    welded = model.body_weldid
+    is_mount = welded[model.geom_bodyid[geoms]] == welded[model.camera(f"{name}/{CAMERA}").bodyid]
+    geoms[is_mount & (away * np.linalg.norm(rays, axis=1) <= _NEAREST_M)] = -1
+    return geoms, away
 
 
 class _Part(NamedTuple):

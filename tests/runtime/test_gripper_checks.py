@@ -139,3 +139,89 @@ def test_a_gripper_heavier_than_the_payload_is_a_warning(
     assert [(p.severity, p.place.line, p.message) for p in checked.problems] == (
         [("warning", 4, "gripper 'block' weighs 3.5 kg")] if is_heavy else []
     )
+
+
+BOX = "{shape: box, size: [0.05, 0.05, 0.05], mass: 0.2, pose: {xyz: [0.45, -0.4, 0.425]}}"
+SMALL = BOX.replace("0.05, 0.05, 0.05", "0.03, 0.03, 0.03")
+
+
+@pytest.mark.parametrize(
+    ("gripper", "cube", "leaf", "reality", "words"),
+    [
+        ("robotiq_2f85", BOX, "{object: cube}", "lab", ""),
+        ("robotiq_2f85", BOX.replace("0.05", "0.09"), "{object: cube}", "lab", "90 mm wide"),
+        ("robotiq_2f85", BOX.replace("0.2", "6"), "{object: cube}", "lab", "weighs 6 kg"),
+        ("robotiq_2f85", BOX.replace("0.2", "6"), "{object: cube}", "rough", ""),
+        ("robotiq_2f85", BOX, "{object: cube, mass: 6}", "rough", "weighs 6 kg"),
+        (
+            "robotiq_2f85",
+            BOX.replace("mass", "fixed: true, mass"),
+            "{object: cube}",
+            "lab",
+            "fixed",
+        ),
+        ("suction_cup", BOX, "{object: cube}", "lab", ""),
+        ("suction_cup", SMALL, "{object: cube}", "lab", "no face on which suction_cup seals"),
+    ],
+)
+def test_an_object_that_the_gripper_cannot_hold_is_a_warning(
+    gripper: str, cube: str, leaf: str, reality: str, words: str
+) -> None:
+    """The file was valid without a warning, and the run failed at once."""
+    text = (
+        "bt_dualarm: 1\nname: unfit\n"
+        f"world: {{scene: table, reality: {reality}}}\nobjects: {{cube: {cube}}}\n"
+        f"arms: {{arm1: {{robot: ur10, gripper: {gripper}, base: {{xyz: [0, 0, 0.4]}},\n"
+        f"  tree: {{grasp: {leaf}}}}}}}\n"
+    )
+    checked = check(text, KINDS, build=False)
+    assert checked.file is not None
+    unfit = [one for one in checked.problems if "payload" not in one.hint]  # that of the arm
+    assert [(one.severity, one.place.line) for one in unfit] == [("warning", 6)] * bool(words)
+    assert all(words in one.message for one in unfit)
+
+
+def test_a_mass_that_is_assumed_beyond_the_payload_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "cup.yaml").write_text(CUP, encoding="utf-8")
+    text = (
+        "bt_dualarm: 1\nname: assumed\nworld: {scene: table, reality: REALITY}\n"
+        f"objects: {{cube: {BOX}}}\n"
+        "arms: {arm1: {robot: ur5, gripper: cup.yaml, base: {xyz: [0, 0, 0.4]}, tree: LEAF}}\n"
+    )
+
+    def found(reality: str, leaf: str) -> list[str]:
+        written = text.replace("REALITY", reality).replace("LEAF", leaf)
+        problems = check(written, KINDS, folder=tmp_path, build=False).problems
+        return [f"{one.message}; {one.hint}" for one in problems]
+
+    (warning,) = found("rough", "{grasp: {object: cube}}")
+    assert "1 kg is assumed; cup may hold 0.5 kg: give the leaf `mass`" in warning
+    assert found("rough", "{grasp: {object: cube, mass: 0.25}}") == []
+    assert found("lab", "{grasp: {object: cube}}") == []
+
+
+CUP = """\
+title: Cup
+tool: {xyz: [0, 0, 0.1]}
+palm: {mass: 0.2, shapes: [{shape: box, size: [WIDE, WIDE, 0.02], xyz: [0, 0, 0.01]}]}
+cup: {radius: 0.020, depth: 0.008, seal: 0.9}
+force: {value: [5, 30], source: my own cup}
+payload: {value: 0.5, source: my own cup}
+""".replace("WIDE", "0.05")
+
+
+@pytest.mark.parametrize(("width", "is_blind"), [("0.05", False), ("0.30", True)])
+def test_a_hand_before_the_center_of_its_camera_is_a_warning(
+    width: str, is_blind: bool, tmp_path: Path
+) -> None:
+    """Skills turn the camera so that what they look for is there: it was lost at once."""
+    (tmp_path / "cup.yaml").write_text(CUP.replace("0.05, 0.05", f"{width}, {width}"))
+    text = (
+        "bt_dualarm: 1\nname: blind\nworld: {scene: empty}\n"
+        "arms: {arm1: {robot: jaco2, gripper: cup.yaml, base: {xyz: [0, 0, 0.8]},\n"
+        "  camera: {mount: wrist}, tree: go_home}}\n"
+    )
+    problems = check(text, KINDS, folder=tmp_path).problems
+    assert [(one.severity, one.place.line) for one in problems] == [("warning", 5)] * is_blind
+    for one in problems:
+        assert "arm1/gripper/palm hides the center of the camera's image" in one.message

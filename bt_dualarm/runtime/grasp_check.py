@@ -1,0 +1,104 @@
+"""Whether grippers can hold what the file has them grasp, whatever the pose of the object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
+from bt_dualarm.grasping.candidates import CLEAR, cup_grasps, least_width
+from bt_dualarm.grasping.grasp import Load, Solid
+from bt_dualarm.robots.gripper import Gripper, load_gripper
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.skill.grasp_search import GRAVITY, LIGHT_KG, TakingPorts
+from bt_dualarm.spec.document import REALITY_SETS, ObjectSpec, TreeFile, resolved
+from bt_dualarm.spec.node_types import NodeSpec, NodeType, is_dynamic
+from bt_dualarm.spec.problems import Problem
+
+
+def unfit_grasps(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Yields a warning for every object that an arm is to grasp and whose gripper cannot hold it.
+
+    It is fixed, wider than the fingers open, heavier than the gripper's payload, or has no face on
+    which the cup seals. Forces of fingers are not checked: that takes a search for grasps.
+
+    Args:
+        file: File without errors.
+        kinds: All node types, by name.
+    """
+    for arm in file.arms.values():
+        if arm.gripper is None:
+            continue
+        gripper = load_gripper(arm.gripper, file.root)
+        knows_masses = resolved(file.world.reality, arm.reality, REALITY_SETS).payload.known
+        known: dict[tuple[str, object, object], tuple[str, str] | None] = {}
+        for node in arm.tree.walk():
+            kind = kinds.get(node.kind)
+            wanted, part, mass = (node.ports.get(port) for port in ("object", "part", "mass"))
+            if kind is None or not issubclass(kind.ports, TakingPorts):
+                continue
+            if not isinstance(wanted, str) or is_dynamic(part) or is_dynamic(mass):
+                continue
+            obj = _owner(file.objects, wanted, part)
+            if obj is None:
+                continue
+            key = (wanted, part, mass)
+            if key not in known:
+                known[key] = _complaint(node, gripper, obj, part, knows_masses=knows_masses)
+            complaint = known[key]
+            if complaint is not None:
+                message = f"{node.kind}: object: {complaint[0]}"
+                problem = node.port_problem(("object",), message, complaint[1])
+                yield replace(problem, severity="warning")
+
+
+def _owner(objects: Mapping[str, ObjectSpec], wanted: str, part: object) -> ObjectSpec | None:
+    """The named object, or what a joint of it moves with the part; None if it is not declared."""
+    obj = objects.get(wanted)
+    if obj is None or part is None or part in obj.parts:
+        return obj
+    hung = (one for one in objects.values() if one.joint is not None and one.joint.owner == wanted)
+    return next((one for one in hung if part in one.parts), obj)
+
+
+def _complaint(
+    node: NodeSpec, gripper: Gripper, obj: ObjectSpec, part: object, *, knows_masses: bool
+) -> tuple[str, str] | None:
+    """Message and hint if a gripper cannot hold an object; None if it may."""
+    name = str(node.ports["object"])
+    label = name if part is None else f"{part} of {name}"
+    if obj.fixed:
+        return f"{label} is fixed: no arm can carry it", "leave out `fixed`, or name another object"
+    body = body_of(obj)
+    solid = body.solid if not isinstance(part, str) else body.part(part)
+    if solid is None:
+        return None
+    if gripper.fingers:
+        width = least_width(solid)
+        opening = jaw_measures(gripper, obj.friction).widest_opening
+        if width > opening - 2.0 * CLEAR:
+            message = f"{label} is {1e3 * width:.0f} mm wide"
+            return message, f"the fingers of {gripper.name} open to {1e3 * opening:.0f} mm"
+    elif not _seals(gripper, solid, obj.friction):
+        wide = 2e3 * cup_measures(gripper, obj.friction).radius
+        message = f"{label} has no face on which {gripper.name} seals"
+        return message, f"it needs a flat one {wide:.0f} mm wide"
+    if obj.joint is not None:  # which bears the weight
+        return None
+    given = node.ports.get("mass")
+    mass = float(given) if isinstance(given, (int, float)) else obj.total_mass
+    most = f"{gripper.name} may hold {gripper.payload:g} kg"
+    if (given is not None or knows_masses) and mass > gripper.payload:
+        return f"{label} weighs {mass:g} kg", most
+    if given is None and not knows_masses and gripper.payload < UNKNOWN_KG:
+        message = f"the mass of {label} is not known in this reality: {UNKNOWN_KG:g} kg is assumed"
+        return message, f"{most}: give the leaf `mass`"
+    return None
+
+
+def _seals(gripper: Gripper, solid: Solid, friction: float) -> bool:
+    """Whether a cup seals on some face of a solid."""
+    light = Load(LIGHT_KG, np.array((0.0, 0.0, -GRAVITY)), 0.0, np.zeros(3))
+    return bool(cup_grasps(solid, cup_measures(gripper, friction), light))
