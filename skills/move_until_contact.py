@@ -40,6 +40,12 @@ _EARLY_N = 80.0
 """Increase of the force that is a contact nevertheless: the tool touched something from the start,
 and a UR10 would press on it with 280 N before `_EDGE_S` is over."""
 
+_WEAK_SHARE = 0.5
+"""Share of what the joints can exert above which no force is waited for: an SO-101 whose shoulder
+applied its whole torque left its path before it pressed with 15 N."""
+
+_LEAST_N = 1.0  # smallest force that a port may ask for
+
 _STEP_M = 2e-4
 _STEPS = 10
 """Length and largest number of the steps by which the tool moves back while it still presses."""
@@ -85,7 +91,13 @@ class MoveUntilContact(Skill):
     class Ports(PortModel):
         direction: Direction = port((0.0, 0.0, -1.0), "direction of the motion, world axes")
         distance: float = port(0.10, "largest distance of the motion", unit="m", ge=0.001, le=1.0)
-        force: float = port(15.0, "opposing force at which the motion ends", unit="N", ge=1, le=200)
+        force: float = port(
+            15.0,
+            "opposing force at which the motion ends, or half of what a weak arm can exert there",
+            unit="N",
+            ge=1,
+            le=200,
+        )
         speed: Speed = port(0.01, "fraction of the arm's limits")
 
     failures = {
@@ -117,6 +129,9 @@ class MoveUntilContact(Skill):
                 raise blocked[1]
         grip = self._grip()
         threshold = self.ports.force if grip is None else grip.firm_for(self.ports.force)
+        ends = rows[[0, len(rows) // 2, -1]]
+        weak = max(_WEAK_SHARE * self.arm.most_force(ends, direction), _LEAST_N)
+        threshold = min(threshold, weak)
         timed = self.arm.time_path(rows, self.ports.speed)
         # A compliant arm presses less on what is held only by the friction of the fingers.
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
@@ -124,6 +139,7 @@ class MoveUntilContact(Skill):
         samples = _Samples(compliance.compensation)
         duration = motion.trajectory.duration
         at_rest = self._opposing(direction)
+        rubs = bool(self.arm.world.nominal[self.arm.name].friction.coulomb.any())
         while not motion.done:
             yield motion.progress
             self.arm.check()
@@ -137,7 +153,9 @@ class MoveUntilContact(Skill):
                 felt = grip is None and force > max(threshold, _EARLY_N)
             else:
                 samples.add(self.time, opposing, compliance.compensation)
-                force = samples.rise
+                # Without friction the zero stays: a light arm pushes ever harder for seconds, which
+                # is no rise within a moment.
+                force = samples.rise if rubs else max(samples.rise, force)
                 felt = force > threshold and elapsed < duration - _EDGE_S
             if felt:
                 self._score(force, start)

@@ -18,7 +18,7 @@ from bt_dualarm.arm.state import ArmContacts, ArmState
 from bt_dualarm.collision.checker import TOUCH, CollisionChecker
 from bt_dualarm.collision.distance import PLANNING_MARGIN_M, RESTING_MARGIN_M
 from bt_dualarm.control.computed_torque import SOFTEST
-from bt_dualarm.control.dynamics import BANDWIDTH
+from bt_dualarm.control.dynamics import BANDWIDTH, most_force
 from bt_dualarm.control.tool_following import ToolFollowing
 from bt_dualarm.core.errors import (
     RAISED_BY_SKILLS,
@@ -981,6 +981,18 @@ class ArmMotions(ArmState):
         """
         shortest_s = (np.abs(np.diff(q, axis=0)) / self.limits(speed).velocity).max(axis=1)
         return float((self._tool_steps(q) / shortest_s).min())
+
+    def most_force(self, q: Matrix, direction: Vector) -> float:
+        """Largest force with which the tool can press in each of several configurations, N.
+
+        Args:
+            q: Configurations, of shape (n, dof), rad.
+            direction: Unit vector in the world, of shape (3,).
+        """
+        dynamics = self._shared.carrying.dynamics
+        torques = np.array([dynamics.at_rest(row) for row in q])
+        levers = np.array([direction @ self.kinematics.jacobian(row)[:3] for row in q])
+        return most_force(torques, levers, self.world.nominal[self.name].robot)
 
     def _tool_steps(self, q: Matrix) -> Vector:
         """Distances of the tool between configurations of shape (n, dof), rad; (n - 1,), m."""

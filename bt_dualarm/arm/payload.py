@@ -66,14 +66,20 @@ class PayloadCheck:
             Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.
         """
         nominal = self._world.nominal[self._name]
-        if self._loads is not nominal.loads:
-            self._loads = nominal.loads
-            self._dynamics = ArmDynamics(nominal, self._loads)
-        feasible = within_efforts(motion, nominal.robot, self._dynamics)
+        feasible = within_efforts(motion, nominal.robot, self.dynamics)
         self.grip_speed_scale = grip_speed_scale(feasible, self._world, self._name)
         if self.grip_speed_scale < 1.0:
             feasible = at_scale(feasible, self.grip_speed_scale)
         return slowed_for_passengers(feasible, self._world, self._name)
+
+    @property
+    def dynamics(self) -> ArmDynamics:
+        """Dynamics of the arm with its load."""
+        nominal = self._world.nominal[self._name]
+        if self._loads is not nominal.loads:
+            self._loads = nominal.loads
+            self._dynamics = ArmDynamics(nominal, self._loads)
+        return self._dynamics
 
     def refuse(self, name: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
         """Check, before an object is picked, whether the arm can hold it, if its mass is known.

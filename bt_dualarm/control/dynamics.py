@@ -285,6 +285,18 @@ def within_efforts(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> T
     return at_scale(motion, scale)
 
 
+def most_force(torques: Matrix, levers: Matrix, robot: Robot) -> float:
+    """Largest force that the joints can exert in all of several configurations, N.
+
+    Args:
+        torques: Holding torques of n configurations, of shape (n, dof), N m.
+        levers: Joint torques for each newton of the force, of the same shape, m.
+        robot: Robot that exerts it.
+    """
+    left = robot.limits.effort - np.sign(levers) * torques
+    return float((left / np.maximum(np.abs(levers), 1e-9)).min())
+
+
 def refuse_overload(torques: Matrix, robot: Robot) -> None:
     """Check holding torques against the effort limits.
 

@@ -160,3 +160,23 @@ def test_second_guarded_move_does_not_press_harder() -> None:
     """A UR10 kept 130 N after the first contact, and pressed with 280 N in the second motion."""
     leaves = play(700171, 2, "lab").leaves
     assert [status for _, status, _, _ in leaves] == ["SUCCESS", "SUCCESS"], leaves
+
+
+@pytest.mark.parametrize(
+    ("robot", "reality", "speed"),
+    [("so100", "lab", 0.1), ("so100", "rough", 0.1), ("so101", "ideal", 0.01)],
+)
+def test_an_arm_that_cannot_press_with_the_default_force_feels_the_contact(
+    robot: str, reality: str, speed: float, stage: Stage
+) -> None:
+    """Its shoulder applied its whole torque, and it left its path: `TRACKING_ERROR`."""
+    file = above(robot, reality, plate=True)
+    file["objects"]["plate"]["size"] = [0.1, 0.1, 0.04]
+    guarded = {"move_until_contact": DOWN["move_until_contact"] | {"speed": speed}}
+    up: Tree = {"move_linear": {"offset": {"xyz": [0, 0, 0.02]}, "free": ["rx", "ry", "rz"]}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [guarded, up]}
+    play = stage.run(file, seed=1)
+    leaf = play.leaf("move_until_contact")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["contact_after_m"] == pytest.approx(GAP_M, abs=8e-3)  # a jaw touches first
+    assert play.leaf("move_linear").status == "SUCCESS", play.leaf("move_linear").reason
