@@ -88,7 +88,7 @@ class CoupledMotion:
         # Highest and lowest positions from each row of the motion on, of shape (n, dof), rad.
         self._highest = np.maximum.accumulate(trajectory.q[::-1])[::-1]
         self._lowest = np.minimum.accumulate(trajectory.q[::-1])[::-1]
-        self._plain_a = rest  # acceleration without correction
+        self._plain = self._sent  # set-point without correction
         self._added = SetPoint(rest, rest, rest)
         self._fading: list[SetPoint] | None = None
         self._is_cancelled = False
@@ -138,13 +138,13 @@ class CoupledMotion:
                 self._ended_at = time if self._ended_at is None else self._ended_at
                 is_late = time - self._ended_at >= _LONGEST_S
                 if self._is_needed is None or is_late or not self._is_needed():
-                    self._fade([sent.a])
+                    self._fade([sent])
             if self._fading is not None:
                 self._added = self._fading.pop(0) if self._fading else self._rested()
             elif self.correction is not None:
                 wanted = self._within_positions(self.correction(time))
-                self._added = self._toward(wanted, self._added, self._plain_a, sent.a)
-            self._plain_a = sent.a
+                self._added = self._toward(wanted, self._added, self._plain, sent)
+            self._plain = sent
             more = self._added
             self._sent = SetPoint(sent.q + more.q, sent.v + more.v, sent.a + more.a)
         part = self._parts[arm]
@@ -164,7 +164,12 @@ class CoupledMotion:
         ahead = None if self._is_cancelled else self.common.to_rest_after(0, 0.0, self.limits)
         if ahead is not None:
             self.common.take(ahead)
-        self._fade([self._plain_a] if ahead is None else [*ahead.motion.a[1:]])
+        rows = None if ahead is None else ahead.motion
+        self._fade(
+            [self._plain]
+            if rows is None
+            else [SetPoint(*one) for one in zip(rows.q[1:], rows.v[1:], rows.a[1:], strict=True)]
+        )
 
     def remaining(self, arm: str) -> Trajectory | None:
         """Set-points of an arm from the last one on while all brake; None if none are known."""
@@ -184,12 +189,12 @@ class CoupledMotion:
         )
         return Trajectory(braking.dt, *rows)
 
-    def _fade(self, ahead: Sequence[Vector]) -> None:
+    def _fade(self, ahead: Sequence[SetPoint]) -> None:
         """Let the correction come to rest.
 
         Args:
-            ahead: Accelerations of the motion from the next set-point on, each of shape (n,),
-                rad/s²; the last one stays.
+            ahead: Set-points of the motion without correction from the next one on; the motion
+                stays at the last one.
         """
         if self._fading is not None:
             return
@@ -198,7 +203,7 @@ class CoupledMotion:
         limits = self.limits
         now = self._added
         rest = np.zeros_like(now.v)
-        before = self._plain_a
+        before = self._plain
         while (np.abs(now.v) > _FADED * limits.acceleration * dt).any() or (
             np.abs(now.a) > _FADED * limits.jerk * dt
         ).any():
@@ -223,7 +228,7 @@ class CoupledMotion:
                     wanted[part] = 0.0
         return wanted
 
-    def _toward(self, wanted: Vector, now: SetPoint, before: Vector, after: Vector) -> SetPoint:
+    def _toward(self, wanted: Vector, now: SetPoint, before: SetPoint, after: SetPoint) -> SetPoint:
         """The correction one period later, as near to a velocity as the limits allow.
 
         All joints of an arm change in proportion, so that its tool moves as wanted. The change of
@@ -232,13 +237,15 @@ class CoupledMotion:
         Args:
             wanted: Wanted velocity, of shape (n,), rad/s.
             now: The correction now.
-            before: Acceleration of the motion without correction now, of shape (n,), rad/s².
+            before: Set-point of the motion without correction now.
             after: The same one period later.
         """
         dt = self.trajectory.dt
         limits = self.limits
-        jerk = np.maximum(limits.jerk - np.abs(after - before) / dt, _LEAST_JERK * limits.jerk)
-        most = np.maximum(limits.acceleration - np.maximum(np.abs(before), np.abs(after)), 1e-9)
+        jerk = np.maximum(limits.jerk - np.abs(after.a - before.a) / dt, _LEAST_JERK * limits.jerk)
+        # Between two set-points a motion that is slowed down may accelerate more than at either.
+        used = np.abs((before.a, after.a, (after.v - before.v) / dt)).max(axis=0)
+        most = np.maximum(limits.acceleration - used, 1e-9)
         missing = wanted - now.v
         a = np.empty_like(now.a)
         for part in self._parts.values():
@@ -250,6 +257,8 @@ class CoupledMotion:
             a[part] = now.a[part] + change / max(
                 float((np.abs(change) / (dt * jerk[part])).max()), 1.0
             )
+        # A joint that has no acceleration left any more does not wait for the others of its arm.
+        a = np.clip(np.clip(a, -most, most), now.a - dt * jerk, now.a + dt * jerk)
         v = now.v + dt * a
         return SetPoint(now.q + 0.5 * dt * (now.v + v), v, a)
 

@@ -178,6 +178,28 @@ def test_noise_in_a_correction_breaks_no_limit(braked_at: int | None) -> None:
     assert coupled.is_at_rest
 
 
+@pytest.mark.parametrize(("slowed_at", "curve"), [(76, 0.0), (80, 0.0), (140, 1.0), (144, 1.0)])
+def test_correction_keeps_the_acceleration_between_set_points_of_a_slowed_motion(
+    slowed_at: int, curve: float
+) -> None:
+    """Their velocities may differ by more than the accelerations at both: it was clipped."""
+    limits = stacked_limits({"arm1": limits_of(2), "arm2": limits_of(3)})
+    along = np.linspace(0.0, 1.0, 200)[:, None]
+    rows = along * np.array((1.0, -0.5, 0.3, 0.8, -0.2))
+    rows += curve * np.sin(2.0 * np.pi * along) * np.array((0.0, 0.4, -0.3, 0.1, 0.5))
+    allowed = replace(limits.scaled(0.97), jerk=0.85 * limits.jerk)
+    noise = np.random.default_rng(0)
+    trajectory = time_path(rows, allowed, DT)
+    coupled = CoupledMotion(trajectory, PARTS, limits, lambda _: noise.normal(0.0, 0.02, 5))
+    sources = [coupled.source(arm) for arm in PARTS]
+    velocities = []
+    for step in range(400):
+        if step == slowed_at:
+            coupled.common.change_scale(0.4, coupled.limits)
+        velocities.append(np.concatenate([source.next(step * DT).v for source in sources]))
+    assert np.abs(np.diff(velocities, axis=0)).max() <= 5.0 * DT * (1.0 + 1e-6)
+
+
 def test_correction_stops_before_a_position_limit() -> None:
     """It led a joint that the path brings near its limit to it: the limiter clipped 41 times."""
     plain = motion()
