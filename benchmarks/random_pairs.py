@@ -171,8 +171,8 @@ class PairAuthor:
         """A leaf that is halted after some time and begins anew, or tries again after the other."""
         if seconds is None:
             return {"retry": {"times": 4, "child": leaf}}
-        halted = {"force_success": {"child": {"timeout": {"seconds": seconds, "child": leaf}}}}
-        return {"sequence": [halted, {"retry": {"times": 3, "child": leaf}}]}
+        halted = {"timeout": {"seconds": seconds, "child": leaf}}
+        return {"selector": [halted, {"retry": {"times": 3, "child": leaf}}]}
 
     def _both(self, a: Tree, b: Tree, *, at_most: float) -> tuple[Tree, Tree]:
         """The leaves of both arms, either as they are, tried again, or one of them halted once."""

@@ -52,6 +52,7 @@ class GroupChecker:
         geoms = world.payload_geoms(obj)
         own = {arm: scratch.marks(world.arms[arm].geom_ids) for arm in parts}
         payload = scratch.marks(geoms)
+        self._payload = payload
         self.moving = np.logical_or.reduce([*own.values(), payload])
         solid = scratch.solid
         scratch.compare(solid & self.moving, solid)
@@ -67,7 +68,19 @@ class GroupChecker:
         self._least = least
         self._boxes = scratch.box_pairs(least, self.moving)
         self._open(world, parts, widths)
-        self._let_stand(geoms)
+        scratch.settle(carrying=False)
+        self._let_stand()
+
+    def let_stand(self, q: Vector) -> None:
+        """Allow the contacts of the object at ``q`` to continue at their depth.
+
+        The hands may be where they have pressed the object, or have set it down, lower than it is.
+
+        Args:
+            q: Joint positions of all arms, side by side, rad: where they are commanded to be.
+        """
+        self._place(q)
+        self._let_stand()
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact at joint positions of all arms, side by side, rad; None if free."""
@@ -134,13 +147,11 @@ class GroupChecker:
             self._scratch.data.qpos[addresses] = q[part]
         self._scratch.settle()
 
-    def _let_stand(self, geoms: Collection[int]) -> None:
-        """Let the object stay in contact with what it rests on."""
-        data = self._scratch.data
-        self._scratch.settle(carrying=False)
-        for (first, second), distance in zip(
-            data.contact.geom.tolist(), data.contact.dist, strict=True
-        ):
-            if (first in geoms or second in geoms) and -STANDING < distance <= 0.0:
+    def _let_stand(self) -> None:
+        """Let the object stay in contact with what it touches in the current state."""
+        found = self._scratch.data.contact
+        for (first, second), distance in zip(found.geom.tolist(), found.dist, strict=True):
+            touches = self._payload[first] or self._payload[second]
+            if touches and -STANDING < distance <= 0.0:
                 depth = min(self._least[first, second], float(distance) - TOUCH)
                 self._least[first, second] = self._least[second, first] = depth

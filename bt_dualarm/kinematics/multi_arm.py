@@ -165,6 +165,7 @@ class MultiArmKinematics(Mechanism):
         tolerance: Tolerance = EXACT,
         *,
         max_step: float = 0.2,
+        least: int | None = None,
     ) -> dict[str, Matrix]:
         """Configurations along a path from given ones, which are the first rows.
 
@@ -174,6 +175,8 @@ class MultiArmKinematics(Mechanism):
             start: Configurations at the first sample.
             tolerance: Tolerance of each target at each step.
             max_step: Movement of a joint between two steps, in rad, that counts as a jump.
+            least: Number of samples that must be followed; all by default. The rows end where the
+                path cannot be followed any further.
 
         Raises:
             Failure: ``INVALID_TARGET``; ``PATH_BROKEN`` with the ``fraction`` that was followed.
@@ -186,7 +189,7 @@ class MultiArmKinematics(Mechanism):
             search = self._search(steps[0])
             goals = [_goals(step) for step in steps[1:]]
             rows += search.along(search.continuation, goals, q, tolerance, max_step)
-        if len(rows) < len(steps):
+        if len(rows) < (len(steps) if least is None else least):
             raise _broken(len(rows) / len(steps), 1)
         whole = np.array(rows)
         return {name: whole[:, part] for name, part in self._slices.items()}

@@ -91,17 +91,24 @@ class CarryPlanner:
             raise found[1].failure()
         return CarriedPath(poses, rows)
 
-    def unchecked(self, path: CartesianPath, q: Vector) -> Matrix:
-        """Joint positions of all arms along a path that ends in an intended contact, (n, dof), rad.
+    def down(self, start: Pose, goal: Pose, low: Pose, q: Vector) -> CarriedPath:
+        """Straight path past a goal to an intended contact, without a check of collisions.
+
+        It ends where the arms reach no farther, but not before the goal.
 
         Args:
-            path: Path of the object in the world.
-            q: Joint positions of all arms, side by side, rad, at its first pose.
+            start: Pose of the object in the world at the beginning.
+            goal: Pose at which the contact is expected, on the way to the last one.
+            low: Last pose at which it is searched.
+            q: Joint positions of all arms, side by side, rad, at the beginning.
 
         Raises:
             Failure: ``PATH_BROKEN``.
         """
-        return self._follow(path.poses, q)
+        poses = line(start, low).poses
+        least = sum(pose.distance(start) < goal.distance(start) for pose in poses) + 1
+        rows = self._follow(poses, q, min(least, len(poses)))
+        return CarriedPath(poses[: len(rows)], rows)
 
     def through(self, poses: Sequence[Pose], q: Vector) -> Generator[None, None, CarriedPath]:
         """Path through poses of the object, around obstacles; yields during the search.
@@ -158,11 +165,12 @@ class CarryPlanner:
             poses, np.vstack([part.rows[min(i, 1) :] for i, part in enumerate(parts)])
         )
 
-    def _follow(self, poses: Sequence[Pose], q: Vector) -> Matrix:
+    def _follow(self, poses: Sequence[Pose], q: Vector, least: int | None = None) -> Matrix:
+        """Joint positions along poses of the object; of ``least`` or more, if that is given."""
         parts = self._kinematics.parts
         steps = [holding(self._grasps, pose) for pose in poses]
         start = {arm: q[part] for arm, part in parts.items()}
-        rows = self._kinematics.follow_on(steps, start)
+        rows = self._kinematics.follow_on(steps, start, least=least)
         return np.hstack([rows[arm] for arm in parts])
 
     def _around(

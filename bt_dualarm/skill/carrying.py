@@ -47,7 +47,6 @@ from bt_dualarm.skill.retreat import plan_retreat, possible_retreats
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
 from bt_dualarm.trajectory.path_timing import time_path
-from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -155,6 +154,8 @@ class Carrying:
         """
         arm = self._arm
         yield from self._joint.meet()
+        if self._joint.is_completed:
+            return
         yield from self._propose()
         plan, goals = yield from self._plan()
         passengers = PassengerCheck(arm.world, self._object, goals)
@@ -174,7 +175,7 @@ class Carrying:
         else:
             self._score(goals[-1])
         passengers.refuse_spilled()
-        yield from self._sync()
+        yield from self._joint.complete()
 
     # Meeting and planning
 
@@ -196,6 +197,9 @@ class Carrying:
                 grasps, refusals = self._grasps_at_sections()
             except Failure as failure:
                 why_not = failure.with_traceback(None)
+        elif arm.controller.compliance.active:  # halted as it set the object down: it still presses
+            for _ in arm.relax():
+                yield
         carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
         mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, refusals, why_not)
         self._joint.send(proposal=mine)
@@ -446,9 +450,11 @@ class Carrying:
         )
         if not description.fingers:
             gripper.let_go(self._object, stands=True)
-        for _ in gripper.until_open():
-            yield 0.9
-        gripper.let_go(self._object, stands=True)
+        try:
+            for _ in gripper.until_open():
+                yield 0.9
+        finally:  # also of a leaf that is halted: the hand opens, and the others do so, too
+            gripper.let_go(self._object, stands=True)
         left = LeftStanding(arm, self._object, _STILL_SHARE)
         yield from self._sync()
         del grip
@@ -488,6 +494,7 @@ class Carrying:
         phase = self._phase
         self._joint.send(phase=phase, q=self._arm.setpoint.q.copy())
         yield from self._until(lambda messages: messages.get("phase", 0) >= phase)
+        self._joint.check()  # one that was halted meanwhile comes no farther
 
     def _until(
         self,
@@ -622,9 +629,11 @@ class _Coupled:
         checker = GroupChecker(world, parts, self._object, self._grasps, PLANNING_MARGIN_M, widths)
         planner = CarryPlanner(self._kinematics, self._grasps, checker, seed=0)
         joined = planner.joined(q)
+        checker.let_stand(joined)  # a carry that was halted as it set the object down goes on
         stops = [here if pose is None else pose for pose in poses]
         if slow:
-            path = CarriedPath(stops, planner.unchecked(line(stops[0], stops[1]), joined))
+            start, goal, low = stops
+            path = planner.down(start, goal, low, joined)
         else:
             path = yield from planner.through([here, *stops[1:]], joined)
         return self._timed(path, speed, slow)
@@ -766,7 +775,7 @@ class _Coupled:
         # Otherwise fingers that hold a light object slide along it, and never feel the contact.
         force = self._grip.firm_for(ports.force)
         leg = yield from self._next_leg(
-            [goal.raised(FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
+            [goal.raised(FREE_M), goal, low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
         )
         yield from self._execute(leg, 0.8, force)
         began = self._arm.time
@@ -777,7 +786,8 @@ class _Coupled:
         if leg.motion.common.done and not leg.motion.is_braking:
             raise Failure(
                 "NO_CONTACT",
-                f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
+                f"no support was felt {-1e3 * height:.0f} mm below its goal",
+                height_off_m=height,
             )
         if abs(height) > ports.tolerance:
             yield from self._arm.relax()

@@ -110,6 +110,7 @@ class JointAction:
 
     Attributes:
         changes: Number of steps in which a message was sent or an arm left.
+        completed: Names of the arms that have completed their part.
     """
 
     def __init__(self, members: Sequence[str]) -> None:
@@ -118,6 +119,7 @@ class JointAction:
         self._new: list[tuple[str, dict[str, Any]]] = []
         self._left: dict[str, str] = {}
         self.changes = 0
+        self.completed: set[str] = set()
 
     def send(self, arm: str, facts: Mapping[str, Any]) -> None:  # Any: facts of the skills
         """Send facts to the others, by name; visible from their next tick on."""
@@ -151,12 +153,15 @@ class Appointment(CellWait):
         action: The action, None until all members have joined.
         awaited: Members that it waits for during the action; none while it acts itself.
         moves_aside: Whether it moves aside for members whose path it blocks while it waits.
+        is_completed: Whether it ended before it began: all have completed an earlier action of
+            these members, whose end this arm has missed, and they do not join it again.
     """
 
     members: tuple[str, ...] = ()
     action: JointAction | None = None
     awaited: tuple[str, ...] = ()
     moves_aside: bool = False
+    is_completed: bool = False
 
 
 @dataclass(eq=False)
@@ -240,6 +245,7 @@ class CellState:
         self._left: dict[str, list[tuple[str, str]]] = {}
         self._appointments: list[Appointment] = []
         self._parted: list[tuple[Appointment, str]] = []
+        self._missed: list[tuple[str, str, JointAction]] = []
         self._requests: list[Request] = []
         self._asked: list[Request] = []
         self._waits: dict[tuple[str, str], CellWait] = {}
@@ -342,6 +348,11 @@ class CellState:
         """Leave a joint action, begun or not; the other members learn why in their next tick."""
         self.end(one)
         self._parted.append((one, why))
+
+    def miss_end(self, one: Appointment) -> None:
+        """Record that an arm leaves an action without its end, although its part is complete."""
+        if one.action is not None:
+            self._missed.append((one.arm, one.target, one.action))
 
     def await_signal(self, arm: str, path: str, name: str, *, has_timeout: bool) -> CellWait:
         """Begin to wait for a signal."""
@@ -595,11 +606,31 @@ class CellState:
                     self.end(other)
                 continue
             missing = [arm for arm in self.waited_for(one) if arm in self._gone]
-            if missing:
+            if missing and not self._completes(one):
                 one.failure = Failure(
                     "PARTNER_GONE", f"{self._sentence(one)}: {missing[0]} {self._gone[missing[0]]}"
                 )
                 self.end(one)
+
+    def _completes(self, wait: CellWait) -> bool:
+        """End a wait for members that do not come, if its arm has missed the end of an action.
+
+        A leaf that is halted when its part is complete, while the others end theirs, begins anew in
+        vain. It waits first, as the others may begin another action.
+
+        Returns:
+            Whether it has ended.
+        """
+        if not isinstance(wait, Appointment) or wait.action is not None:
+            return False
+        for missed in self._missed:
+            arm, target, action = missed
+            if (arm, target) == (wait.arm, wait.target) and action.completed == {*action.members}:
+                self._missed.remove(missed)
+                wait.is_completed = True
+                self.end(wait)
+                return True
+        return False
 
     def _commit_claims(self) -> None:
         # First come, first served: no arm overtakes an earlier one that requests any of the same,
@@ -730,6 +761,8 @@ class CellState:
 
     def _refuse(self, stuck: Sequence[CellWait], active: Collection[str]) -> None:
         """Fail some of the waits that cannot end otherwise."""
+        if any(self._completes(wait) for wait in stuck):
+            return
         hopeless = [wait for wait in stuck if not set(self.waited_for(wait)) & set(active)]
         if hopeless:  # they wait only for arms that have ended
             for wait in hopeless:

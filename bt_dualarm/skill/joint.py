@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any, Final
 
 from bt_dualarm.arm.arm import Arm
@@ -40,6 +41,7 @@ class JointPart:
         self._label = label
         self._members = tuple(members)
         self._one: Appointment | None = None
+        self._is_complete = False
 
     def __enter__(self) -> JointPart:
         """Join the action; its other members may join later."""
@@ -52,6 +54,8 @@ class JointPart:
             return
         if error is None:
             self.send(done=True)
+        elif self._is_complete and isinstance(error, GeneratorExit):
+            self._cell.miss_end(self._one)
         self._cell.part(self._one, _reason(self._leaf, error))
 
     @property
@@ -62,24 +66,49 @@ class JointPart:
     def meet(self) -> Iterator[None]:
         """Wait until all members have joined, aside if need be; yields once per tick.
 
+        Nothing is left to be done if the action `is_completed` then.
+
         Raises:
             Failure: ``PARTNER_GONE`` if a member can no longer join; ``DEADLOCK``.
         """
         one = self._appointment
         one.asides = ASIDES
         place = WaitingPlace(self._own_arm, self._cell)
-        while one.action is None:
+        while one.action is None and not one.is_completed:
             if one.failure is not None:
                 raise one.failure
             if one.asked_by:
                 yield from place.make_room(one)
-                if one.action is None:
+                if one.action is None and not one.is_completed:
                     self._cell.resume(one)
                 continue
             yield
         one.asides = 0
         if one.failure is not None:
             raise one.failure
+
+    @property
+    def is_completed(self) -> bool:
+        """Whether all had completed an earlier run of the action, whose end this leaf has missed.
+
+        It was halted in `complete`, and waited now for others that do not begin anew.
+        """
+        return self._appointment.is_completed
+
+    def complete(self) -> Iterator[None]:
+        """Report that this arm's part is complete, and wait for the others; once per tick.
+
+        Raises:
+            Failure: ``PARTNER_GONE`` if one of them has left before its part was complete.
+        """
+        action = self._appointment.action
+        if action is None:
+            return
+        self._is_complete = True
+        self.send(done=True)
+        action.completed.add(self._arm)
+        for other in self.others:
+            yield from self.until(partial(self._is_done, other), (other,))
 
     def send(self, **facts: Any) -> None:  # Any: facts of the skills
         """Send facts to the other members, by name; visible from their next tick on.
@@ -145,6 +174,9 @@ class JointPart:
         finally:
             one.moves_aside = False
             self._cell.await_members(one, ())
+
+    def _is_done(self, member: str) -> bool:
+        return bool(self.messages(member).get(_DONE))
 
     @property
     def _appointment(self) -> Appointment:

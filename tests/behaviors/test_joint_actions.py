@@ -177,3 +177,55 @@ def test_arm_that_cannot_move_aside_is_asked_once() -> None:
     refused = cell.state.traffic.take_refusal("arm2")
     assert refused is not None
     assert refused.code == "DEADLOCK"
+
+
+def missed(cell: Cell) -> None:
+    """Lets arm1 miss the end of an action that both arms complete."""
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    action = parts["arm1"].action
+    assert action is not None
+    action.completed.add("arm1")
+    cell.state.miss_end(parts["arm1"])
+    cell.state.part(parts["arm1"], "was halted in leaf")
+    cell.step()
+    action.completed.add("arm2")
+    cell.state.part(parts["arm2"], "has completed leaf")
+    cell.step()
+
+
+def test_arm_that_missed_the_end_of_an_action_does_not_wait_for_it_in_vain() -> None:
+    """It was PARTNER_GONE, although nothing was left to be done."""
+    cell = Cell()
+    missed(cell)
+    again = joined(cell, "arm1")
+    cell.step()
+    assert not again.is_completed  # the other one may begin another such action
+    cell.state.arm_gone("arm2", "has ended with SUCCESS at 1.00 s")
+    cell.step("arm1")
+    assert again.is_completed
+    assert again.failure is None
+    cell.state.part(again, "has completed leaf")
+    third = joined(cell, "arm1")
+    cell.step("arm1")
+    assert third.failure is not None
+    assert third.failure.code == "PARTNER_GONE"
+
+
+def test_arm_that_missed_the_end_of_an_action_resolves_a_deadlock() -> None:
+    cell = Cell()
+    missed(cell)
+    again = joined(cell, "arm1")
+    other = joined(cell, "arm2", "the handover of 'cube' from arm2 to arm1")
+    cell.step()
+    assert again.is_completed
+    assert other.failure is None
+
+
+def test_arm_that_missed_the_end_of_an_action_joins_the_next_one() -> None:
+    cell = Cell()
+    missed(cell)
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    assert parts["arm1"].action is parts["arm2"].action is not None
+    assert not parts["arm1"].is_completed

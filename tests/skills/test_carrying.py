@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.diagnosis.story import stories
+from bt_dualarm.kinematics.multi_arm import MultiArmKinematics
+from bt_dualarm.planning.carrying import CarryPlanner
 from bt_dualarm.replay.record import Record
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.skill import carrying
 from bt_dualarm.skill.carrying import pose_held
@@ -640,3 +644,69 @@ def test_hands_stop_where_a_light_object_touches(file: dict[str, Any]) -> None:
     assert result.outcome == "SUCCESS", str(result)
     for arm in ("arm1", "arm2"):
         assert abs(leaf(result, arm).metrics["height_off_m"]) < 0.003
+
+
+PRESSING = """
+bt_dualarm: 1
+world: {{scene: empty, reality: rough, seed: 3005, time_limit: 60}}
+objects:
+  stand:
+    shape: box
+    size: [0.2, 0.2, 0.24]
+    fixed: true
+    pose: {{xyz: [0.481, -0.112, 0.12]}}
+  bar:
+    shape: box
+    size: [0.556, 0.034, 0.043]
+    mass: 0.347
+    pose: {{xyz: [0.481, -0.112, 0.262], rpy: [0, 0, 6]}}
+arms:
+  arm1:
+    robot: ur3e
+    gripper: robotiq_2f85
+    base: {{xyz: [0, 0, 0.24]}}
+    tree:
+      retry:
+        times: 3
+        child:
+          {{carry_together: {{object: bar, with: [arm2], to: {{xyz: [0.481, -0.112, 0.2615]}}}}}}
+  arm2:
+    robot: z1
+    gripper: robotiq_2f85
+    base: {{xyz: [0.985, 0, 0.24], rpy: [0, 0, 199]}}
+    tree:
+      selector:
+        - timeout:
+            {{seconds: {halted_at}, child: {{carry_together: {{object: bar, with: [arm1]}}}}}}
+        - retry: {{times: 3, child: {{carry_together: {{object: bar, with: [arm1]}}}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    "halted_at",
+    [
+        9.0,  # both press the bar onto the stand, with set-points that are in there: NO_PLAN
+        9.2,  # it waits for the other one, which opened its hand nevertheless: INVALID_TARGET
+        11.0,  # its part is complete, and the other one completes its own: PARTNER_GONE
+    ],
+)
+def test_arm_that_is_halted_while_it_sets_down_goes_on(halted_at: float) -> None:
+    result = bt.run(PRESSING.format(halted_at=halted_at))
+    assert leaf(result, "arm2").code == "HALTED"
+    assert result.outcome == "SUCCESS", str(result)
+
+
+def test_search_for_a_support_ends_where_the_arms_reach_no_farther() -> None:
+    """It was PATH_BROKEN, although the support is where the goal is."""
+    robot = load_robot("ur5")
+    kinematics = MultiArmKinematics({"arm1": (robot, Pose.from_rpy((0, 0, 0)))})
+    q = {"arm1": np.array(robot.postures["home"])}
+    start = kinematics.forward("arm1", q)
+    far = start.shifted(np.array((0.0, 0.0, -2.0)))
+    free = cast("GroupChecker", None)  # nothing is checked
+    planner = CarryPlanner(kinematics, {"arm1": Pose.from_rpy((0, 0, 0))}, free, seed=0)
+    path = planner.down(start, start.shifted(np.array((0.0, 0.0, -0.05))), far, q["arm1"])
+    assert 0.05 <= path.poses[-1].distance(start) < 1.9
+    assert len(path.rows) == len(path.poses)
+    with pytest.raises(bt.Failure, match="only"):
+        planner.down(start, far, far, q["arm1"])
