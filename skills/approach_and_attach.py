@@ -91,6 +91,7 @@ class ApproachAndAttach(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "approach_and_attach: {object: cube, standoff: 0.10}"
+    begins_anywhere = True
     takes_hold = True
     ports: Ports
 

@@ -51,6 +51,7 @@ class CarryTogether(Skill):
     )
     failures = Carrying.failures
     example = "carry_together: {object: beam, with: [arm2], to: {xyz: [0.05, -0.5, 0.525]}}"
+    begins_anywhere = True
     needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
     takes_hold = True

@@ -24,6 +24,7 @@ class GoHome(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "go_home: {speed: 0.5}"
+    begins_anywhere = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -110,6 +110,7 @@ class Grasp(Skill):
 
     failures = Taking.failures
     example = "grasp: {object: cube}"
+    begins_anywhere = True
     needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
     takes_hold = True

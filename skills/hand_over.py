@@ -77,6 +77,7 @@ class HandOver(Skill):
         "SPILLED": "what stood on the object fell off",
     }
     example = "hand_over: {object: cube, to: arm2}"
+    begins_anywhere = True
     needs_held = True
     lets_go = True
     counterpart = Counterpart("take_over", partner="to", its_partner="from")

@@ -63,6 +63,7 @@ class Insert(Skill):
     example = (
         "insert: {object: cube, at: {xyz: [0.25, -0.45, 0.425], rpy: [0, 0, 0]}, depth: 0.012}"
     )
+    begins_anywhere = True
     needs_gripper = True
     needs_held = True
     ports: Ports

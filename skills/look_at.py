@@ -45,6 +45,7 @@ class LookAt(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "look_at: {at: {xyz: [0.68, 0.11, 0.70]}, direction: [-1, 0, 0]}"
+    begins_anywhere = True
     needs_camera = True
     ports: Ports
 

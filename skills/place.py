@@ -61,6 +61,7 @@ class Place(Skill):
         "NOT_SEEN": "the camera does not detect the object at its goal",
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
+    begins_anywhere = True
     needs = ("scipy.spatial",)
     needs_gripper = True
     needs_held = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 from bt_dualarm import (
@@ -17,6 +17,7 @@ from bt_dualarm import (
     Pose,
     PostureName,
     Skill,
+    SkillContext,
     Speed,
     ToolPose,
     Vector,
@@ -68,6 +69,12 @@ class ReachToPose(Skill):
     }
     example = "reach_to_pose: {to: {xyz: [0.4, 0.2, 0.6], rpy: [180, 0, 0]}, speed: 0.5}"
     ports: Ports
+
+    def __init__(
+        self, ports: PortModel, context: SkillContext, write: Callable[[str, object], None]
+    ) -> None:
+        super().__init__(ports, context, write)
+        self.begins_anywhere = self.ports.offset is None
 
     def run(self) -> Iterator[float | None]:
         """Solve the inverse kinematics, move, verify the arrival."""

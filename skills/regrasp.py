@@ -40,6 +40,7 @@ class Regrasp(Skill):
         "OUT_OF_REACH": "no other grasp is collision-free, as requested, and reachable",
     }
     example = "regrasp: {object: cube}"
+    begins_anywhere = True
     needs = ("scipy.spatial", "bt_dualarm.skill.preload_grasping")
     needs_gripper = True
     takes_hold = True

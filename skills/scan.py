@@ -67,6 +67,7 @@ class Scan(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "scan: {object: cube, center: [0.40, -0.40, 0.40], width: 0.3, depth: 0.2}"
+    begins_anywhere = True
     needs_camera = True
     ports: Ports
 

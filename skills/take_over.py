@@ -145,6 +145,7 @@ class TakeOver(Skill):
         "SPILLED": "what stood on the object fell off",
     }
     example = "take_over: {object: cube, from: arm2}"
+    begins_anywhere = True
     takes_hold = True
     counterpart = Counterpart("hand_over", partner="from", its_partner="to")
     needs = ("bt_dualarm.skill.preload_grasping",)

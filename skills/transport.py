@@ -66,6 +66,7 @@ class Transport(Skill):
         **KeptPath.failures,
     }
     example = "transport: {object: cube, to: {xyz: [0.4, -0.2, 0.5]}}"
+    begins_anywhere = True
     needs_held = True
     ports: Ports
 

@@ -167,7 +167,7 @@ class Await(LanguageLeaf):
         finally:
             if wait is not None:
                 cell.shared.end(wait)
-        yield from place.come_back()
+        yield from place.come_back_or_go_on()
 
     def _is_fulfilled(self, cell: CellAccess, name: str) -> bool:
         if self.ports.values == "latest":

@@ -19,6 +19,7 @@ from pydantic import Field, WithJsonSchema
 from bt_dualarm.behaviors.node import NAMES, AcyclicNode, StatusReporter, reached
 from bt_dualarm.behaviors.report import LeafReport, LeafReports
 from bt_dualarm.core.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
+from bt_dualarm.skill.making_room import from_its_place
 from bt_dualarm.skill.skill import (
     Skill,
     plain,
@@ -74,7 +75,9 @@ class SkillRun:
             raise RuntimeError("StopIteration was raised before the first step") from error
         if not isinstance(steps, Iterator):
             raise TypeError(f"run() of {type(self._skill).__name__} has no yield")
-        self._steps = steps
+        # What does not move the arm leaves a return that is still to be made to a later leaf.
+        is_language = isinstance(self._skill, LanguageLeaf)
+        self._steps = steps if is_language else from_its_place(self._skill, steps)
         _UNCLOSED.add(self)
 
     @property

@@ -12,12 +12,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from bt_dualarm.arm.traffic import BlockedArm, Traffic
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.spec.cell import CellSpec, CellZone
 from bt_dualarm.spec.yaml_reader import Data
+
+if TYPE_CHECKING:
+    from bt_dualarm.skill.making_room import Return
 
 KEPT_VALUES: Final = 1000
 """Values of a signal that are kept for arms that await every one."""
@@ -228,6 +231,9 @@ class CellState:
     Attributes:
         on_wait: Receiver of every new wait, of those that depend on other arms than before, and of
             those that have ended.
+        returning: Names of the arms that return to where they have waited, but need not. Of arms
+            that wait for each other, they give up first.
+        unreturned: Returns that are still to be made, by arm: others stay where it has waited.
     """
 
     def __init__(
@@ -236,6 +242,8 @@ class CellState:
         self.spec = spec
         self.clock = clock
         self.traffic = traffic or Traffic(clock)
+        self.returning: set[str] = set()
+        self.unreturned: dict[str, Return] = {}
         self._obstructed: dict[str, Obstruction] = {}
         self._in_step: dict[str, CellWait] = {}
         self.on_wait: Callable[[CellWait], object] = lambda _: None
@@ -768,7 +776,7 @@ class CellState:
             for wait in hopeless:
                 wait.failure = self._partner_gone(wait)
             return
-        last = max(stuck, key=lambda one: (one.since, one.arm, one.path))
+        last = max(stuck, key=lambda one: (one.arm in self.returning, one.since, one.arm, one.path))
         members = "; ".join(f"{one.arm} {self._sentence(one)}" for one in stuck)
         last.failure = Failure(
             "DEADLOCK",

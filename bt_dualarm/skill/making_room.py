@@ -1,14 +1,16 @@
 """Making room: an arm that waits for others moves aside if it is in the way of what it waits for.
 
 It does so only where the run would otherwise end the wait with ``DEADLOCK``, at most `ASIDES` times
-a wait, straight and without turning its tool, and it returns before its tree goes on. An arm that
-holds a part of a fixture, or whose hand or held object touches something, stays where it is.
+a wait, straight and without turning its tool, and it returns before its tree goes on, or at least
+before the next leaf that begins where the arm is. An arm that holds a part of a fixture, or whose
+hand or held object touches something, stays where it is.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,6 +21,7 @@ from bt_dualarm.arm.state import BACKOFF_S
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.cell import CellState, CellWait
+from bt_dualarm.skill.skill import Skill, Ticks
 
 ASIDES: Final = 3
 """How often an arm moves aside in one wait: one place may be as much in the way as another."""
@@ -85,20 +88,81 @@ class WaitingPlace:
         Raises:
             Failure: ``DEADLOCK`` if others stay there; as motions.
         """
+        if self._places:
+            yield from Return(self._places[0], self._for).along(self._arm)
+            self._places.clear()
+
+    def come_back_or_go_on(self) -> Iterator[None]:
+        """Return, or leave that to the next leaf that begins where the arm is; once per tick.
+
+        What those who stay there wait for may be possible from where the arm is now: then it need
+        not return.
+
+        Raises:
+            Failure: As motions.
+        """
         if not self._places:
             return
+        arm = self._arm
+        self._cell.returning.add(arm.name)
         try:
-            for _ in self._arm.travel([self._places[0]], _SPEED):
+            yield from self.come_back()
+        except Failure as failure:
+            if failure.code != "DEADLOCK":
+                raise
+            self._cell.unreturned[arm.name] = Return(self._places[0], self._for)
+        finally:
+            self._cell.returning.discard(arm.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Return:
+    """Return of an arm that has made room.
+
+    Attributes:
+        place: Configuration of shape (dof,), rad, in which it has begun to wait.
+        made_room_for: Name of the arm for which it has moved aside.
+    """
+
+    place: Vector
+    made_room_for: str
+
+    def along(self, arm: Arm) -> Iterator[None]:
+        """Return; yields once per tick.
+
+        Raises:
+            Failure: ``DEADLOCK`` if others stay there; as motions.
+        """
+        try:
+            for _ in arm.travel([self.place], _SPEED):
                 yield
-            self._places.clear()
         except Failure as failure:
             if failure.code not in _LOST:
                 raise
             raise Failure(
                 "DEADLOCK",
-                f"{self._arm.name} moved aside for {self._for} while it waited, and cannot return: "
-                f"{failure.reason}",
+                f"{arm.name} moved aside for {self.made_room_for} while it waited, and cannot "
+                f"return: {failure.reason}",
             ) from failure
+
+
+def from_its_place(skill: Skill, steps: Ticks) -> Ticks:
+    """Steps of a skill, from where the arm was before it made room if the skill begins there.
+
+    Args:
+        skill: The skill, which has not begun.
+        steps: What its `run` has returned.
+    """
+    owed = skill.context.cell.shared.unreturned
+    if not owed:
+        return steps
+    back = owed.pop(skill.arm.name, None)
+    return steps if back is None or skill.begins_anywhere else _after(back, skill.arm, steps)
+
+
+def _after(back: Return, arm: Arm, steps: Ticks) -> Ticks:
+    yield from back.along(arm)
+    yield from steps
 
 
 def move_aside(

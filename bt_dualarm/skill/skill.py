@@ -129,6 +129,8 @@ class Skill:
         takes_hold: Whether the arm may hold an object after it that it did not hold before; the
             check of the tree assumes it of every skill that is not shipped.
         lets_go: Whether the gripper holds nothing after it has succeeded.
+        begins_anywhere: Whether it does the same from wherever it begins, as what it does depends
+            on its ports only: an arm that has made room need not return first.
         counterpart: Skill of another arm with which it acts together; the check of the tree then
             looks for it.
         progress: Progress from 0 to 1, for the display; None if it is unknown.
@@ -148,6 +150,7 @@ class Skill:
     needs_held: ClassVar[bool] = False
     takes_hold: ClassVar[bool] = False
     lets_go: ClassVar[bool] = False
+    begins_anywhere: bool = False
     counterpart: ClassVar[Counterpart | None] = None
 
     ports: Any  # a subclass annotates the type of its own
