@@ -73,6 +73,7 @@ _LEVEL_N = 10.0  # horizontal pull that is not followed: the arms' friction woul
 _STIFFNESS = (8e3, 4e4, 2e5)  # of two arms at one object: least, first guess, most, N/m
 _HELD_M = 0.03
 _THERE_RAD = 1e-6
+_LIFT_ROOM_M = 0.005  # distance that the lifted object keeps from everything but arms
 _TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
 _LIFT_WAIT_S = 0.5
 _EARLY_S = 2.0  # time to wait for the giver on the way to the standoff before it has arrived
@@ -796,6 +797,13 @@ class TakeOver(Skill):
             try:
                 rows = arm.line_on(goal)
                 arm.refuse_collision_along(rows)
+                # Where it would just not touch something, it may press onto it: it is held
+                # somewhat elsewhere than estimated.
+                room = arm.checker()
+                room.keep_clear(_LIFT_ROOM_M)
+                found = room.first_contact(rows)
+                if found is not None:
+                    raise found[1].failure()
                 motion = arm.time_path(rows, self.ports.approach_speed)
                 for progress in arm.follow(motion, wait_s=_LIFT_WAIT_S):
                     self._watch()
