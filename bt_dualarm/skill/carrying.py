@@ -175,7 +175,11 @@ class Carrying:
         else:
             self._score(goals[-1])
         passengers.refuse_spilled()
-        yield from self._joint.complete()
+        move = arm.past_others(self._ports.speed)
+        for _ in self._joint.complete(moves_aside=plan.set_down):
+            if plan.set_down:  # it may be in the path of one that has not retreated yet
+                yield from move.make_way()
+            yield None
 
     # Meeting and planning
 

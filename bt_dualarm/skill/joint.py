@@ -95,8 +95,11 @@ class JointPart:
         """
         return self._appointment.is_completed
 
-    def complete(self) -> Iterator[None]:
+    def complete(self, *, moves_aside: bool = False) -> Iterator[None]:
         """Report that this arm's part is complete, and wait for the others; once per tick.
+
+        Args:
+            moves_aside: As of `until`.
 
         Raises:
             Failure: ``PARTNER_GONE`` if one of them has left before its part was complete.
@@ -108,7 +111,8 @@ class JointPart:
         self.send(done=True)
         action.completed.add(self._arm)
         for other in self.others:
-            yield from self.until(partial(self._is_done, other), (other,))
+            done = partial(self._is_done, other)
+            yield from self.until(done, (other,), moves_aside=moves_aside)
 
     def send(self, **facts: Any) -> None:  # Any: facts of the skills
         """Send facts to the other members, by name; visible from their next tick on.

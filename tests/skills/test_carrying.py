@@ -696,6 +696,43 @@ def test_arm_that_is_halted_while_it_sets_down_goes_on(halted_at: float) -> None
     assert result.outcome == "SUCCESS", str(result)
 
 
+def test_arm_that_is_done_lets_another_one_retreat_past_it() -> None:
+    """The third arm waited for the others, in the path of one of them: DEADLOCK."""
+    load: Tree = {"shape": "box", "size": [0.424, 0.044, 0.036], "mass": 2.808}
+    load["pose"] = {"xyz": [0.734, -0.15, 0.0185], "rpy": [0, 0, -7]}
+    arms = [
+        ("a", "ur5", (0.0, 0.0), 23),
+        ("b", "xarm7", (1.221, 0.0), 182),
+        ("c", "xarm7", (0.734, -0.695), 90),
+    ]
+    leaves: dict[str, Tree] = {
+        name: {"object": "it", "with": [one for one, *_ in arms if one != name], "speed": 0.4}
+        for name, *_ in arms
+    }
+    leaves["a"]["to"] = {"xyz": [0.741, -0.15, 0.018]}
+    trees: dict[str, Tree] = {
+        name: {"retry": {"times": 4, "child": {"carry_together": ports}}}
+        for name, ports in leaves.items()
+    }
+    halted = {"timeout": {"seconds": 6.8, "child": {"carry_together": leaves["a"]}}}
+    trees["a"] = {
+        "selector": [halted, {"retry": {"times": 3, "child": {"carry_together": leaves["a"]}}}]
+    }
+    world = {"scene": "empty", "reality": "rough", "seed": 4010, "time_limit": 60}
+    file: dict[str, Any] = {"bt_dualarm": 1, "world": world, "objects": {"it": load}}
+    file["arms"] = {
+        name: {
+            "robot": robot,
+            "gripper": "robotiq_2f85",
+            "base": {"xyz": [*base, 0], "rpy": [0, 0, yaw]},
+            "tree": {"sequence": [trees[name]]},
+        }
+        for name, robot, base, yaw in arms
+    }
+    result = bt.run(file)
+    assert result.outcome == "SUCCESS", str(result)
+
+
 def test_search_for_a_support_ends_where_the_arms_reach_no_farther() -> None:
     """It was PATH_BROKEN, although the support is where the goal is."""
     robot = load_robot("ur5")
