@@ -12,15 +12,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any, Final, Protocol
 
 from bt_dualarm.arm.traffic import BlockedArm, Traffic
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.cell import CellSpec, CellZone
 from bt_dualarm.spec.yaml_reader import Data
-
-if TYPE_CHECKING:
-    from bt_dualarm.skill.making_room import Return
 
 KEPT_VALUES: Final = 1000
 """Values of a signal that are kept for arms that await every one."""
@@ -218,6 +216,19 @@ def waiting_sentence(target: str, others: Sequence[str], since: float) -> str:
         return f"waits for {listed} to leave its path since {since:.2f} s" if others else ""
     held = f", claimed by {listed}," if others else ""
     return f"waits for {target}{held} since {since:.2f} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Return:
+    """Return that an arm that has made room is still to make.
+
+    Attributes:
+        place: Configuration of shape (dof,), rad, in which it has begun to wait.
+        made_room_for: Name of the arm for which it has moved aside.
+    """
+
+    place: Vector
+    made_room_for: str
 
 
 class CellState:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,7 +19,7 @@ from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.arm.state import BACKOFF_S
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.skill.cell import CellState, CellWait
+from bt_dualarm.skill.cell import CellState, CellWait, Return
 from bt_dualarm.skill.skill import Skill, Ticks
 
 ASIDES: Final = 3
@@ -89,7 +88,7 @@ class WaitingPlace:
             Failure: ``DEADLOCK`` if others stay there; as motions.
         """
         if self._places:
-            yield from Return(self._places[0], self._for).along(self._arm)
+            yield from _return(self._arm, Return(self._places[0], self._for))
             self._places.clear()
 
     def come_back_or_go_on(self) -> Iterator[None]:
@@ -115,35 +114,23 @@ class WaitingPlace:
             self._cell.returning.discard(arm.name)
 
 
-@dataclass(frozen=True, eq=False)
-class Return:
-    """Return of an arm that has made room.
+def _return(arm: Arm, owed: Return) -> Iterator[None]:
+    """Return to where an arm was before it made room; yields once per tick.
 
-    Attributes:
-        place: Configuration of shape (dof,), rad, in which it has begun to wait.
-        made_room_for: Name of the arm for which it has moved aside.
+    Raises:
+        Failure: ``DEADLOCK`` if others stay there; as motions.
     """
-
-    place: Vector
-    made_room_for: str
-
-    def along(self, arm: Arm) -> Iterator[None]:
-        """Return; yields once per tick.
-
-        Raises:
-            Failure: ``DEADLOCK`` if others stay there; as motions.
-        """
-        try:
-            for _ in arm.travel([self.place], _SPEED):
-                yield
-        except Failure as failure:
-            if failure.code not in _LOST:
-                raise
-            raise Failure(
-                "DEADLOCK",
-                f"{arm.name} moved aside for {self.made_room_for} while it waited, and cannot "
-                f"return: {failure.reason}",
-            ) from failure
+    try:
+        for _ in arm.travel([owed.place], _SPEED):
+            yield
+    except Failure as failure:
+        if failure.code not in _LOST:
+            raise
+        raise Failure(
+            "DEADLOCK",
+            f"{arm.name} moved aside for {owed.made_room_for} while it waited, and cannot "
+            f"return: {failure.reason}",
+        ) from failure
 
 
 def from_its_place(skill: Skill, steps: Ticks) -> Ticks:
@@ -161,7 +148,7 @@ def from_its_place(skill: Skill, steps: Ticks) -> Ticks:
 
 
 def _after(back: Return, arm: Arm, steps: Ticks) -> Ticks:
-    yield from back.along(arm)
+    yield from _return(arm, back)
     yield from steps
 
 
