@@ -34,6 +34,7 @@ worth one more viewpoint: other objects are placed relative to it, and far from 
 rotation counts most."""
 
 _TURNS = 2  # turns of the camera to what its image shows in part
+_ROUGHLY_M = 0.02  # standard deviation of a position up to which plans avoid what is there
 _LEAN = np.radians(30.0)  # largest deviation of the line of sight from that to it
 
 _Row = tuple[float, float, float, float, float, float]
@@ -96,10 +97,12 @@ class Locate(Skill):
     def run(self) -> Iterator[float | None]:
         """View, move around until the poses are accurate, write them to the blackboard."""
         own_camera(self.arm)
-        self._seen = self.ports.sighted(self.arm, self.context.cell.zones)
+        self._seen = self.ports.sighted(self.arm, self.context.cell.zones, looks_again=True)
         yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         yield from self._take_image()
         yield from self._turn_to_cut_off()
+        if not self._seen.objects:
+            self._seen.accept_hidden()
         if not self._seen.objects:
             self._refuse_unseen()
         yield from self._view_from_around()
@@ -154,15 +157,20 @@ class Locate(Skill):
                 began_s = None
             if camera is None:
                 return
-            there = yield from go_to_camera(
-                self.arm,
-                camera,
-                ports.speed,
-                ports.ignored,
-                began_s=began_s,
-                at=np.mean([one.position for one in unknown], axis=0),
-                room=self._seen.shape.extent,
-            )
+            self.arm.seen_at = self._where_seen()
+            ignored = ports.ignored - frozenset(self.arm.seen_at)
+            try:
+                there = yield from go_to_camera(
+                    self.arm,
+                    camera,
+                    ports.speed,
+                    ignored,
+                    began_s=began_s,
+                    at=np.mean([one.position for one in unknown], axis=0),
+                    room=self._seen.shape.extent,
+                )
+            finally:
+                self.arm.seen_at = {}
             camera = None
             if there:
                 self._viewpoints += 1
@@ -170,6 +178,14 @@ class Locate(Skill):
                 began_s = self.time
                 camera = self._next_of(choice, unknown, pending=True)
                 yield from self._take_image()
+
+    def _where_seen(self) -> dict[str, Pose]:
+        """Where plans avoid the named object, once its place is roughly known."""
+        name = self.ports.object
+        seen = self._seen.objects
+        if name is None or len(seen) != 1 or seen[0].best.sigma_m > _ROUGHLY_M:
+            return {}
+        return {name: self._seen.pose(seen[0])}
 
     def _to_be_seen(self) -> list[SightedObject]:
         """Objects that are worth another viewpoint; none only if all are accurate enough."""

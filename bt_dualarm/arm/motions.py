@@ -7,7 +7,7 @@ holds the lease moves the arm; a plan does not.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -97,6 +97,7 @@ class ArmMotions(ArmState):
         resting: Names of the other arms that are known to stay where they are.
         may_turn: Whether plans may end in their ``turned`` goals: not while another arm may be the
             reason that there is no motion to the others.
+        seen_at: Poses at which plans avoid objects whose true poses the arm does not know, by name.
         left_out: Names of other arms that plans leave out, to find out whether these are the reason
             that there is none.
     """
@@ -112,6 +113,7 @@ class ArmMotions(ArmState):
         self.checks = CHECKS
         self.resting: frozenset[str] = frozenset()
         self.may_turn = True
+        self.seen_at: Mapping[str, Pose] = {}
         self.left_out: frozenset[str] = frozenset()
 
     # The leaf's life
@@ -1050,6 +1052,9 @@ class ArmMotions(ArmState):
         margins |= dict.fromkeys(self.resting & margins.keys(), RESTING_MARGIN_M)
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
+            for name, pose in self.seen_at.items():
+                if name in self.world.objects and self.world.objects[name].is_free:
+                    checker.move_object(name, pose)
             contact = checker.contact(self.setpoint.q)
             if contact is None:
                 return checker

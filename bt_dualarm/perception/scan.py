@@ -373,6 +373,7 @@ class SightedObjects:
         self.others_whole = 0
         self.behind_arm = 0
         self.beyond = 0.0
+        self._in_part: list[tuple[list[ShapeFit], OutlineView]] = []
         self._shows_arm: Callable[[Frame, Matrix], npt.NDArray[np.bool_]] | None = None
         self.cut_off: list[tuple[Vector, Vector]] = []
         self._find = find
@@ -424,6 +425,13 @@ class SightedObjects:
         self._shows_arm = shows_arm
         return self
 
+    def accept_hidden(self) -> None:
+        """Use what the arm may hide in part, where that fits: there is no better view of it."""
+        for fits, region in self._in_part:
+            if self._known_at(fits[0].scene.position, []) is None:
+                self._all.append(SightedObject(fits, [region], middle=self._middle))
+        self._in_part = []
+
     @property
     def objects(self) -> list[SightedObject]:
         """Detected objects, in no particular order."""
@@ -461,19 +469,24 @@ class SightedObjects:
         found = [one for one in self._find(frame) if self._may_be_within(frame, one)]
         regions = [region for region in found if region.is_whole]
         hidden = [region for region in regions if self._is_behind_arm(frame, region)]
-        regions = [region for region in regions if region not in hidden]
         cut = [region for region in found if not region.is_whole]
         area = sum(region.detection.area_px for region in cut)
         self.beyond = area / (frame.width * frame.height)
-        self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
-        self.cut_off += [_sight(frame, region) for region in hidden]
         seen = list[SightedObject]()
         for obj in self._all:
             region = self._of(obj, regions)
             if region is not None:
                 regions.remove(region)
-                self._refine(obj, region)
+                # An outline beside the arm that fits what is known of the object is whole.
+                beside = region in hidden
+                if self._refine(obj, region, is_whole=not beside) and beside:
+                    hidden.remove(region)
                 seen.append(obj)
+        regions = [region for region in regions if region not in hidden]
+        self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
+        self.cut_off += [_sight(frame, region) for region in hidden]
+        first = [(self._fitter.first(region), region) for region in hidden]
+        self._in_part += [one for one in first if one[0] and one[0][0].residual_px <= UNLIKE_PX]
         self.unlike = self.behind_arm = len(hidden)
         self.others_whole = 0
         for region in regions:
@@ -583,13 +596,22 @@ class SightedObjects:
         nearest = int(np.argmin(away))
         return regions[nearest] if away[nearest] < _ASTRAY_PX + 0.25 * seen.area**0.5 else None
 
-    def _refine(self, obj: SightedObject, region: OutlineView) -> None:
+    def _refine(self, obj: SightedObject, region: OutlineView, *, is_whole: bool = True) -> bool:
+        """Use an outline of a known object; returns whether it fits.
+
+        Args:
+            obj: The object.
+            region: The outline.
+            is_whole: Whether all of it is surely shown, so that one that does not fit contradicts.
+        """
         fits = self._fitter.again(obj.fits, [*obj.views, region])
         if fits[0].residual_px > UNLIKE_PX:
-            obj.astray.append(region)
-            return
+            if is_whole:
+                obj.astray.append(region)
+            return False
         obj.fits = fits
         obj.views.append(region)
+        return True
 
     def _known_at(self, position: Vector, seen: list[SightedObject]) -> SightedObject | None:
         """Known object nearest to a position, if one is within its extent.

@@ -92,18 +92,24 @@ class SightPorts(PortModel):
         """Whether a marker is to be detected."""
         return self.marker is not None or (self.object is not None and self.by == "marker")
 
-    def sighted(self, arm: Arm, zones: Mapping[str, CellZone] = _NO_ZONES) -> SightedObjects:
+    def sighted(
+        self, arm: Arm, zones: Mapping[str, CellZone] = _NO_ZONES, *, looks_again: bool = False
+    ) -> SightedObjects:
         """Detector of such objects, by images alone: a declared object need not be in the world.
 
         Args:
             arm: Arm with the camera.
             zones: Zones of the cell by name.
+            looks_again: Whether the arm moves to see the whole of what it may hide itself.
 
         Raises:
             Failure: ``INVALID_TARGET``: color, size or marker are missing, or there is no such
                 zone; ``UNKNOWN_POSE`` if the zone moves with an object whose pose is not known.
         """
         seen = self._sighted(arm)
+        if looks_again and not self.is_by_marker:
+            wanted = self.object
+            seen.beside(lambda frame, points: shows_arm(arm, frame, points, wanted))
         if self.region is None:
             return seen
         frame, region = self.placed_region(arm, zones)
@@ -130,11 +136,7 @@ class SightPorts(PortModel):
     def _sighted(self, arm: Arm) -> SightedObjects:
         """Detector of such objects anywhere."""
         if self.object is not None:
-            seen = self._like(arm.world.declared_objects[self.object])
-            own = self.object
-            if self.is_by_marker:
-                return seen
-            return seen.beside(lambda frame, points: shows_arm(arm, frame, points, own))
+            return self._like(arm.world.declared_objects[self.object])
         if self.marker is not None:
             return SightedObjects.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
@@ -144,8 +146,7 @@ class SightPorts(PortModel):
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
             raise Failure("INVALID_TARGET", reason)
         shape = KnownShape(self.shape, self.size)
-        seen = SightedObjects.of_color(self.color, shape, flat=self.flat)
-        return seen.beside(lambda frame, points: shows_arm(arm, frame, points))
+        return SightedObjects.of_color(self.color, shape, flat=self.flat)
 
     def _like(self, obj: ObjectSpec) -> SightedObjects:
         """Detector of objects that look like a declared one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -402,3 +403,58 @@ def test_an_object_that_the_hand_hides_in_part_is_turned_to(y: float, stage: Sta
     leaf = stage.run(file).leaf("locate")
     assert leaf.status == "SUCCESS", leaf.reason
     assert float(leaf.metrics["located_error_m"]) < 0.003
+
+
+HAND = """\
+title: Slender fingers
+mount: {rpy: [0, 0, 90]}
+tool: {xyz: [0, 0, 0.125]}
+palm: {mass: 0.5, shapes: [{shape: box, size: [0.048, 0.105, 0.048], xyz: [0, 0, 0.024]}]}
+fingers:
+  place: {xyz: [0, 0, 0.048]}
+  part: {mass: 0.05, shapes: [{shape: box, size: [0.016, 0.01, 0.09], xyz: [0, 0.01, 0.045]}]}
+  pad: {xyz: [0, 0.0025, 0.077], size: [0.016, 0.005, 0.026]}
+stroke: {value: 0.065, source: chosen for this test}
+force: {value: [5, 68], source: chosen for this test}
+speed: {value: [0.01, 0.1], source: chosen for this test}
+payload: {value: 2, source: chosen for this test}
+"""
+
+
+@pytest.mark.parametrize("seed", some([447, 451], 1))
+def test_motions_between_viewpoints_avoid_what_was_seen(seed: int, tmp_path: Path) -> None:
+    """Plans ignored the named object: the fingers of a UR3 swept it 10 or 20 mm aside."""
+    (tmp_path / "hand.yaml").write_text(HAND, encoding="utf-8")
+    (tmp_path / "task.yaml").write_text(SWEPT, encoding="utf-8")
+    with bt.open(tmp_path / "task.yaml", seed=seed, renderer="ray") as run:
+        before = run.world.object_pose("part")
+        leaf = run.finish().arms["arm1"].leaves["sequence/locate"]
+        moved = run.world.object_pose("part").distance(before)
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert moved < 1e-3
+
+
+SWEPT = """\
+bt_dualarm: 1
+name: swept
+world: {scene: empty, reality: rough, time_limit: 60}
+objects:
+  ceiling: {shape: box, size: [1.5, 1.5, 0.05], fixed: true, pose: {xyz: [-0.565, 0.224, 1.1901]}}
+  bench:
+    {shape: table, size: [0.534, 0.534, 0.599], fixed: true, pose: {xyz: [-0.578, 0.4722, 0.2995]}}
+  part:
+    {shape: capsule, size: [0.02, 0.094], mass: 0.057, color: green,
+     pose: {xyz: [-0.44, 0.358, 0.6195], rpy: [0, 90, -55]}}
+arms:
+  arm1:
+    robot: ur3
+    gripper: hand.yaml
+    base: {xyz: [-0.565, 0.224, 1.1651], rpy: [180, 0, 108]}
+    camera: {mount: wrist, resolution: [320, 240], fov: 60, fps: 30}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [-0.578, 0.472, 0.599]}, distance: 0.4}
+        - scan:
+            {object: part, center: [-0.578, 0.472, 0.599], width: 0.3, depth: 0.3, distance: 0.4}
+        - locate: {object: part}
+"""
