@@ -167,7 +167,6 @@ class Locate(Skill):
                     ignored,
                     began_s=began_s,
                     at=np.mean([one.position for one in unknown], axis=0),
-                    room=self._seen.shape.extent,
                 )
             finally:
                 self.arm.seen_at = {}

@@ -154,8 +154,7 @@ class Place(Skill):
         sight = camera.rotation_matrix[:, 2]
         middle = goal.apply(np.array(looked_for.shape.center))
         poses = gazes(middle, distance, sight, _LEAN, camera)
-        room = looked_for.shape.extent
-        if (yield from look_at(arm, poses, self.ports.speed, at=middle, room=room)) is None:
+        if (yield from look_at(arm, poses, self.ports.speed, at=middle)) is None:
             raise Failure("NOT_SEEN", "no camera pose that sees the goal is reachable")
         picture = yield from still_picture(arm, _PICTURES)
         if picture is not None:

@@ -82,7 +82,7 @@ class Scan(Skill):
         self._hints: list[Vector] = []
         point: Vector | None = None
         while True:
-            is_there = point is None or (yield from self._look_at(point, viewpoints, seen))
+            is_there = point is None or (yield from self._look_at(point, viewpoints))
             unreachable += not is_there
             if is_there:
                 viewpoints += point is not None
@@ -139,16 +139,12 @@ class Scan(Skill):
         centers = [self._center + np.array((x, y, 0.0)) for y in ys for x in xs]
         return Coverage(centers, (float(part[0]), float(part[1])))
 
-    def _look_at(
-        self, point: Vector, viewpoints: int, seen: SightedObjects
-    ) -> Generator[float | None, None, bool]:
+    def _look_at(self, point: Vector, viewpoints: int) -> Generator[float | None, None, bool]:
         down = np.array((0.0, 0.0, -1.0))
         ports = self.ports
         poses = gazes(point, ports.distance, down, ports.lean, camera_now(self.arm))
         try:
-            found = yield from look_at(
-                self.arm, poses, ports.speed, ports.ignored, at=point, room=seen.shape.extent
-            )
+            found = yield from look_at(self.arm, poses, ports.speed, ports.ignored, at=point)
         except Failure as failure:
             if failure.code != "NO_PLAN" or not viewpoints:  # so far the arm may be enclosed
                 raise

@@ -299,7 +299,6 @@ def go_to_camera(
     *,
     began_s: float | None = None,
     at: Vector | None = None,
-    room: float = 0.0,
 ) -> Generator[float | None, None, bool]:
     """Move the wrist camera to a pose in the world; yields once per tick.
 
@@ -311,7 +310,6 @@ def go_to_camera(
         began_s: Simulated time at which the caller chose the pose and began to plan, s; by default
             now.
         at: Point in the world that the arm itself must not hide there, of shape (3,), m.
-        room: Distance from it, across the line of sight, that is to be in view, too, m.
 
     Returns:
         Whether the pose was reached; if not, the arm has not moved.
@@ -319,15 +317,7 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
-    shown = None if at is None else _around(at, camera, room)
-    return (yield from _refusal(arm, camera, speed, ignore, began_s, shown)) is None
-
-
-def _around(point: Vector, camera: Pose, room: float) -> Matrix:
-    """A point, and four at a distance from it in m, across the line of sight; of shape (5, 3)."""
-    sides = camera.rotation_matrix[:, :2].T
-    around: Matrix = point + room * np.vstack((np.zeros(3), sides, -sides))
-    return around
+    return (yield from _refusal(arm, camera, speed, ignore, began_s, at)) is None
 
 
 def _refusal(
@@ -336,21 +326,21 @@ def _refusal(
     speed: float,
     ignore: frozenset[str],
     began_s: float | None = None,
-    shown: Matrix | None = None,
+    at: Vector | None = None,
 ) -> Generator[float | None, None, Failure | None]:
     """Move like `go_to_camera`; returns why the pose was not reached, None if it was.
 
-    With ``shown``, of shape (n, 3), m, only to configurations in which the arm hides none of these
-    points; ``OCCLUDED`` if there is none.
+    With ``at``, a point in the world of shape (3,), m, only to configurations in which the arm does
+    not hide it; ``OCCLUDED`` if there is none.
     """
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.configurations(camera @ camera_in_tool.inverse)
-        if shown is not None:
-            clear = [q for q in goals if not _hides(arm, q, shown)]
+        if at is not None:
+            clear = [q for q in goals if not _hides(arm, q, at)]
             if len(goals) and not clear:
                 yield None
-                return Failure("OCCLUDED", "the arm itself would be in the image")
+                return Failure("OCCLUDED", "the arm itself would be in the way")
             goals = clear
         yield from arm.travel(goals, speed, ignore, began_s=began_s, turns=True)
     except Failure as failure:
@@ -417,7 +407,6 @@ def look_at(
     ignore: frozenset[str] = frozenset(),
     *,
     at: Vector,
-    room: float = 0.0,
 ) -> Generator[float | None, None, Pose | None]:
     """Move the wrist camera to the first of several poses that is reachable.
 
@@ -429,7 +418,6 @@ def look_at(
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
         at: Point at the image center, in the world, of shape (3,), m.
-        room: Distance from it, across the line of sight, that is to be in view, too, m.
 
     Returns:
         The pose; None if none of them is reachable.
@@ -443,8 +431,7 @@ def look_at(
     for camera in cameras:
         if arm.kinematics.is_beyond(camera @ tool_in_camera):
             continue  # at once: a search for it would take 30 ms, and a tick
-        shown = _around(at, camera, room)
-        refusal = yield from _refusal(arm, camera, speed, ignore, shown=shown)
+        refusal = yield from _refusal(arm, camera, speed, ignore, at=at)
         if refusal is None:
             return camera
         if refusal.code == "OCCLUDED":
@@ -511,19 +498,19 @@ def shows_arm(arm: Arm, frame: Frame, points: Matrix, wanted: str | None = None)
     return shown
 
 
-def _hides(arm: Arm, q: Vector, points: Matrix) -> bool:
-    """Whether the arm would hide one of several points from its camera.
+def _hides(arm: Arm, q: Vector, point: Vector) -> bool:
+    """Whether the arm would hide a point from its camera.
 
     Args:
         arm: Arm with a wrist camera.
         q: Its configuration then, of shape (dof,), rad.
-        points: Points in the world, of shape (n, 3), m.
+        point: The point in the world, of shape (3,), m.
     """
     checker = arm.checker()
     checker.place(q)
     eye = arm.world.nominal[arm.name].camera_pose_at(q).position
-    away = _hits_arm(arm, (checker.model, checker.data), eye, points - eye)
-    return bool(np.any((away > 0.0) & (away < 1.0)))
+    (away,) = _hits_arm(arm, (checker.model, checker.data), eye, (point - eye)[None])
+    return bool(0.0 < away < 1.0)
 
 
 def _hits_arm(
@@ -548,7 +535,10 @@ def _hits_arm(
     for obj in arm.held:
         if obj != wanted:
             own |= world.payload_geoms(obj)
-    found: Vector = np.where(np.isin(geoms, list(own)), away, -1.0)
+    # By their bodies: for collisions, the convex parts of a link stand for the mesh that is seen.
+    body_of = state[0].geom_bodyid
+    is_own = np.isin(body_of[geoms], body_of[list(own)]) & (geoms >= 0)
+    found: Vector = np.where(is_own, away, -1.0)
     return found
 
 

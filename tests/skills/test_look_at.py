@@ -11,7 +11,7 @@ import pytest
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.skill import looking
 
 FAR = Pose.from_rpy((9.0, 0.0, 0.0))
@@ -34,11 +34,11 @@ def refusing(code: str, requested: list[Pose]) -> Any:
     """A motion to a camera pose that fails with a code and records the pose."""
 
     def refusal(
-        _: Arm, camera: Pose, speed: float, ignore: frozenset[str], *, shown: Matrix
+        _: Arm, camera: Pose, speed: float, ignore: frozenset[str], *, at: Vector
     ) -> Generator[None, None, Failure]:
         requested.append(camera)
         yield None
-        return Failure(code, f"at {speed}, {ignore}, {len(shown)}")
+        return Failure(code, f"at {speed}, {ignore}, {len(at)}")
 
     return refusal
 
