@@ -245,11 +245,14 @@ class ApproachAndAttach(Skill):
         end = surface @ Pose.from_rpy((0, 0, self._depth()))
         q_line = yield from self._free_line(standoff, end)
         turned = arm.turned([q_line])
-        to_standoff = yield from arm.plan(
-            [q_line[0]], ports.speed, self._unseen, turned=[rows[0] for rows in turned]
-        )
+        arm.seen_at = {} if self._seen is None else {self._name: self._seen}
+        try:
+            to_standoff = yield from arm.plan(
+                [q_line[0]], ports.speed, turned=[rows[0] for rows in turned]
+            )
+        finally:
+            arm.seen_at = {}
         q_line = beginning_at(to_standoff.end, (q_line, *turned))
-        self._refuse_motion_through(to_standoff)
         to_surface = arm.time_path(q_line, ports.approach_speed)
         return Approach(to_standoff, to_surface, q_line, standoff)
 
@@ -298,18 +301,8 @@ class ApproachAndAttach(Skill):
 
     @property
     def _unseen(self) -> frozenset[str]:
-        """Objects that plans must ignore, since only their estimated pose may be used."""
+        """Objects whose true pose the motion must ignore, since only the estimated one is known."""
         return frozenset() if self._seen is None else frozenset({self._name})
-
-    def _refuse_motion_through(self, motion: Trajectory) -> None:
-        """Refuse a motion of the tool through the estimated pose, which the plan has ignored."""
-        if self._seen is None:
-            return
-        positions = self.arm.planned_tool_positions(motion)
-        distances = np.linalg.norm(positions - self._seen.position, axis=1)
-        nearest = float(distances.min())
-        if nearest < min(float(distances[0]), float(distances[-1])) - self.ports.standoff:
-            raise Failure("NO_PLAN", "the path to the object leads through it", nearest_m=nearest)
 
     def _depth(self) -> float:
         """Distance, m, of the straight part's end beyond the surface; the tool stops before."""

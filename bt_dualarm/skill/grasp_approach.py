@@ -101,7 +101,7 @@ def first_approach(
         wanted: Specification of the grasp.
         standoff: Length of the straight part, m.
         speed: Fraction of the arm's limits up to the standoff, above 0 to 1.
-        seen: Estimated pose of the object in the world; the plan then ignores its true pose.
+        seen: Estimated pose of the object in the world, at which the plan then avoids it.
         lift: Height by which the arm must be able to lift the object straight up, m.
 
     Raises:
@@ -111,7 +111,6 @@ def first_approach(
     began_s = arm.time
     reasons = list[Failure]()
     unsuited = set[int]()
-    touched = frozenset({wanted.name} if wanted.name else ())
     left = list(order)
     beyond = list[Pose]()
     cramped: GraspApproach | None = None
@@ -143,15 +142,17 @@ def first_approach(
                     continue
                 room = 0.0
                 rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
-            unknown = touched if seen else frozenset[str]()
             turned = arm.turned([rows])
+            if seen is not None and wanted.name:
+                arm.seen_at = {wanted.name: seen}
             arm.checks = checks if searched < _SEARCHES else min(checks, QUICK_CHECKS)
             try:
                 motion = yield from arm.plan(
-                    [rows[0]], speed, unknown, began_s=began_s, turned=[one[0] for one in turned]
+                    [rows[0]], speed, began_s=began_s, turned=[one[0] for one in turned]
                 )
             finally:
                 arm.checks = checks
+                arm.seen_at = {}
             found = GraspApproach(
                 ranked, motion, beginning_at(motion.end, (rows, *turned)), standoff
             )
