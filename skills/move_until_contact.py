@@ -41,8 +41,8 @@ _EARLY_N = 80.0
 and a UR10 would press on it with 280 N before `_EDGE_S` is over."""
 
 _WEAK_SHARE = 0.5
-"""Share of what the joints can exert above which no force is waited for: an SO-101 whose shoulder
-applied its whole torque left its path before it pressed with 15 N."""
+"""Share of what the joints can exert above which no force is waited for that nobody asked for: an
+SO-101 whose shoulder applied its whole torque left its path before it pressed with 15 N."""
 
 _LEAST_N = 1.0  # smallest force that a port may ask for
 
@@ -93,7 +93,8 @@ class MoveUntilContact(Skill):
         distance: float = port(0.10, "largest distance of the motion", unit="m", ge=0.001, le=1.0)
         force: float = port(
             15.0,
-            "opposing force at which the motion ends, or half of what a weak arm can exert there",
+            "opposing force at which the motion ends; if it is not given, at half of what a weak "
+            "arm can exert",
             unit="N",
             ge=1,
             le=200,
@@ -130,8 +131,9 @@ class MoveUntilContact(Skill):
         grip = self._grip()
         threshold = self.ports.force if grip is None else grip.firm_for(self.ports.force)
         ends = rows[[0, len(rows) // 2, -1]]
-        weak = max(_WEAK_SHARE * self.arm.most_force(ends, direction), _LEAST_N)
-        threshold = min(threshold, weak)
+        if "force" not in self.ports.model_fields_set:
+            weak = max(_WEAK_SHARE * self.arm.most_force(ends, direction), _LEAST_N)
+            threshold = min(threshold, weak)
         timed = self.arm.time_path(rows, self.ports.speed)
         # A compliant arm presses less on what is held only by the friction of the fingers.
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)

@@ -360,7 +360,7 @@ def test_a_round_object_is_as_wide_as_twice_its_radius(tmp_path: Path) -> None:
 KNOCKED = """\
 bt_dualarm: 1
 name: knocked
-world: {{scene: table, time_limit: 20}}
+world: {{scene: table, reality: lab, time_limit: 20}}
 objects:
   obj: {{shape: box, size: {size}, mass: 0.2, friction: 0.5, pose: {{xyz: [0.4, -0.45, {height}]}}}}
   wall: {{shape: box, fixed: true, size: [0.05, 0.05, 0.1], pose: {{xyz: [0.15, -0.45, 0.45]}}}}
