@@ -105,6 +105,17 @@ def _file(dice: Dice, objects: Tree, arms: Tree) -> Tree:
     return {"bt_dualarm": 1, "name": "generated", "world": world, "objects": objects, "arms": arms}
 
 
+def _gripper_of(robot: str) -> str:
+    return "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
+
+
+def _arm(dice: Dice, robots: Sequence[str], **more: Any) -> tuple[Tree, float]:
+    """An arm with fingers, and how far from its base it can grasp, m."""
+    robot = dice.one(robots)
+    arm = {"robot": robot, "gripper": _gripper_of(robot), "base": {"xyz": [0, 0, 0]}}
+    return arm | more, _REACH[robot]
+
+
 def _around(radius: float, angle: float, z: float) -> list[float]:
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     return [round(float(x), 3), round(float(y), 3), round(z, 4)]
@@ -123,8 +134,7 @@ def _stands(name: str, at: Sequence[float], within: float = 0.01) -> Tree:
 
 def _picks(dice: Dice) -> Task:
     """An arm picks a box or a cylinder from a stand, and places it on another one."""
-    robot = dice.one(list(_REACH))
-    reach = _REACH[robot]
+    arm, reach = _arm(dice, list(_REACH))
     angle = dice.number(-1.2, 1.2)
     width = dice.number(0.03, 0.05)
     height = dice.number(0.04, 0.08)
@@ -141,8 +151,6 @@ def _picks(dice: Dice) -> Task:
     objects = {"from": _stand(begin), "onto": _stand(goal), name: thing}
     place = [*goal[:2], lifted]
     above = [*goal[:2], lifted + 0.12]
-    gripper = "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-    arm = {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0]}}
     tree = _file(dice, objects, {"arm1": arm})
     leaves: list[Tree] = [
         {"grasp": {"object": name}},
@@ -208,9 +216,7 @@ def _handovers(dice: Dice) -> Task:
     taker = dice.one(["panda", "fr3", "xarm7", "ur5e"])
     for name, robot in (("arm1", giver), ("arm2", taker)):
         tree["arms"][name]["robot"] = robot
-        tree["arms"][name]["gripper"] = (
-            "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-        )
+        tree["arms"][name]["gripper"] = _gripper_of(robot)
     leaves: list[Tree] = [
         {"grasp": {"object": "bar"}},
         {"hand_over": {"object": "bar", "to": "arm2"}},
@@ -302,13 +308,6 @@ def _meetings(dice: Dice) -> Task:
     at = (0.4, 0.05, 0.24)
     goals = _stands("red", at, 0.012) | _stands("green", (0.58, 0.05, 0.24), 0.012)
     return Task(tree, leaves, partner="arm2", object="red", goal=at, duration=60.0, goals=goals)
-
-
-def _arm(dice: Dice, robots: Sequence[str], **more: Any) -> tuple[Tree, float]:
-    """An arm with fingers, and how far from its base it can grasp, m."""
-    robot = dice.one(robots)
-    gripper = "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-    return {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0]}, **more}, _REACH[robot]
 
 
 def _towers(dice: Dice) -> Task:

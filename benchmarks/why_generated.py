@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -104,10 +105,11 @@ def _wrap(task: Task, dice: Dice) -> None:
                 task.leaves[i] = {"selector": [leaf, fail]}
 
 
-def _too_heavy(task: Task, dice: Dice) -> tuple[str, ...]:
+def _too_heavy(task: Task, dice: Dice, name: str = "") -> tuple[str, ...]:
+    name = name or task.object
     mass = dice.number(15, 40, 1)
-    task.tree["objects"][task.object]["mass"] = mass
-    return (task.object, f"{mass:g}")
+    task.tree["objects"][name]["mass"] = mass
+    return (name, f"{mass:g}")
 
 
 def _too_wide(task: Task, dice: Dice) -> tuple[str, ...] | None:
@@ -212,10 +214,11 @@ def _grasped_twice(task: Task, dice: Dice) -> tuple[str, ...]:
     return (task.object,)
 
 
-def _fixed(task: Task, dice: Dice) -> tuple[str, ...]:
+def _fixed(task: Task, dice: Dice, name: str = "") -> tuple[str, ...]:
     del dice
-    task.tree["objects"][task.object]["fixed"] = True
-    return (task.object,)
+    name = name or task.object
+    task.tree["objects"][name]["fixed"] = True
+    return (name,)
 
 
 def _on_its_edge(task: Task, dice: Dice) -> tuple[str, ...] | None:
@@ -574,18 +577,6 @@ def _small_crate(task: Task, dice: Dice) -> tuple[str, ...]:
     return ("crate",)
 
 
-def _fixed_crate(task: Task, dice: Dice) -> tuple[str, ...]:
-    del dice
-    task.tree["objects"]["crate"]["fixed"] = True
-    return ("crate",)
-
-
-def _heavy_crate(task: Task, dice: Dice) -> tuple[str, ...]:
-    mass = dice.number(15, 40, 1)
-    task.tree["objects"]["crate"]["mass"] = mass
-    return ("crate", f"{mass:g}")
-
-
 def _scanned_elsewhere(task: Task, dice: Dice) -> tuple[str, ...]:
     """The subtree searches an area beside the objects."""
     scan = task.tree["subtrees"]["put"]["tree"]["sequence"][0]["scan"]
@@ -777,8 +768,8 @@ FAULTS: Final[Mapping[str, Sequence[Fault]]] = {
     ),
     "tray": (
         Fault("too heavy", _too_heavy, ("OVERLOADED", "TOO_HEAVY")),
-        Fault("a heavy bin", _heavy_crate, ("OVERLOADED", "TOO_HEAVY")),
-        Fault("a fixed bin", _fixed_crate, ("FIXED",)),
+        Fault("a heavy bin", partial(_too_heavy, name="crate"), ("OVERLOADED", "TOO_HEAVY")),
+        Fault("a fixed bin", partial(_fixed, name="crate"), ("FIXED",)),
         Fault("a small bin", _small_crate, ("IN_THE_WAY", "TOO_NARROW", "NOT_SUPPORTED")),
         Fault("no grasp", _no_grasp, ("NEVER_ATTACHED",)),
         Fault("let go before", _let_go_before, ("LET_GO", "FELL")),

@@ -245,13 +245,10 @@ class ApproachAndAttach(Skill):
         end = surface @ Pose.from_rpy((0, 0, self._depth()))
         q_line = yield from self._free_line(standoff, end)
         turned = arm.turned([q_line])
-        arm.seen_at = {} if self._seen is None else {self._name: self._seen}
-        try:
+        with arm.avoiding({} if self._seen is None else {self._name: self._seen}):
             to_standoff = yield from arm.plan(
                 [q_line[0]], ports.speed, turned=[rows[0] for rows in turned]
             )
-        finally:
-            arm.seen_at = {}
         q_line = beginning_at(to_standoff.end, (q_line, *turned))
         to_surface = arm.time_path(q_line, ports.approach_speed)
         return Approach(to_standoff, to_surface, q_line, standoff)

@@ -157,19 +157,16 @@ class Locate(Skill):
                 began_s = None
             if camera is None:
                 return
-            self.arm.seen_at = self._where_seen()
-            ignored = ports.ignored - frozenset(self.arm.seen_at)
-            try:
+            seen = self._where_seen()
+            with self.arm.avoiding(seen):
                 there = yield from go_to_camera(
                     self.arm,
                     camera,
                     ports.speed,
-                    ignored,
+                    ports.ignored.difference(seen),
                     began_s=began_s,
                     at=np.mean([one.position for one in unknown], axis=0),
                 )
-            finally:
-                self.arm.seen_at = {}
             camera = None
             if there:
                 self._viewpoints += 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -97,7 +98,6 @@ class ArmMotions(ArmState):
         resting: Names of the other arms that are known to stay where they are.
         may_turn: Whether plans may end in their ``turned`` goals: not while another arm may be the
             reason that there is no motion to the others.
-        seen_at: Poses at which plans avoid objects whose true poses the arm does not know, by name.
         left_out: Names of other arms that plans leave out, to find out whether these are the reason
             that there is none.
     """
@@ -113,7 +113,7 @@ class ArmMotions(ArmState):
         self.checks = CHECKS
         self.resting: frozenset[str] = frozenset()
         self.may_turn = True
-        self.seen_at: Mapping[str, Pose] = {}
+        self._seen: Mapping[str, Pose] = {}
         self.left_out: frozenset[str] = frozenset()
 
     # The leaf's life
@@ -1035,9 +1035,19 @@ class ArmMotions(ArmState):
         """Speed scale, up to 1, to which the grip's friction limited the last motion."""
         return self._shared.carrying.grip_speed_scale
 
-    def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
-        """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""
-        return self._tool_positions(trajectory.q)
+    @contextmanager
+    def avoiding(self, seen: Mapping[str, Pose]) -> Iterator[None]:
+        """Let plans within the block avoid objects where they were seen, not where they are.
+
+        Args:
+            seen: Estimated poses in the world by the object's name; none of those that are fixed,
+                or move on a joint, count.
+        """
+        self._seen = seen
+        try:
+            yield
+        finally:
+            self._seen = {}
 
     def checker(self, ignore: frozenset[str] = frozenset()) -> CollisionChecker:
         """Collision checker of configurations in the current world.
@@ -1052,7 +1062,7 @@ class ArmMotions(ArmState):
         margins |= dict.fromkeys(self.resting & margins.keys(), RESTING_MARGIN_M)
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
-            for name, pose in self.seen_at.items():
+            for name, pose in self._seen.items():
                 if name in self.world.objects and self.world.objects[name].is_free:
                     checker.move_object(name, pose)
             contact = checker.contact(self.setpoint.q)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.known_shape import KnownShape
@@ -24,6 +25,20 @@ from bt_dualarm.spec.joints import moved_name
 
 CHECK_S: Final = 0.004
 """Simulated seconds between two checks: the period of the controllers."""
+
+
+class _BodyIds(NamedTuple):
+    """Ids of the bodies of a model.
+
+    Attributes:
+        model: The model; None before the first one.
+        of_objects: Ids by the name of the object.
+        of_geoms: Ids by the id of the geom, of shape (ngeom,).
+    """
+
+    model: mujoco.MjModel | None
+    of_objects: Mapping[str, int]
+    of_geoms: npt.NDArray[np.int_]
 
 
 class Referee(IdleObserver):
@@ -46,8 +61,7 @@ class Referee(IdleObserver):
         self._always = file.always
         self._never = file.never
         self._forces: dict[str, ContactMonitor] = {}
-        self._model: mujoco.MjModel | None = None
-        self._body_of: Mapping[str, int] = {}
+        self._ids = _BodyIds(None, {}, np.empty(0, int))
         self._held_since: dict[str, float | None] = {}
         self._next = 0.0
         self._lasting = {name: one for name, one in file.goal.items() if one.lasting}
@@ -179,10 +193,11 @@ class Referee(IdleObserver):
             return ""
         if one.on not in self._world.objects:
             return f"{one.on} is not in the world"
-        bodies = self._bodies
+        ids = self._body_ids()
+        bodies = ids.of_objects
         upper = bodies[one.object]
         found = self._world.data.contact
-        first, second = self._body_of_geom[found.geom].T
+        first, second = ids.of_geoms[found.geom].T
         # The normal points from the first geom to the second one.
         up = found.frame[:, 2]
         supports = {*first[(second == upper) & (up > 0.5)].tolist()}
@@ -193,15 +208,13 @@ class Referee(IdleObserver):
         but = f", but on {' and '.join(others)}" if others else ""
         return f"{one.object} does not stand on {one.on}{but}"
 
-    @property
-    def _bodies(self) -> Mapping[str, int]:
-        """Ids of the bodies of all objects, until the world is compiled again."""
+    def _body_ids(self) -> _BodyIds:
+        """Ids of bodies, until the world is compiled again."""
         world = self._world
-        if self._model is not world.model:
-            self._model = world.model
-            self._body_of_geom = np.array(world.model.geom_bodyid)
-            self._body_of = {name: world.object_body(name) for name in world.objects}
-        return self._body_of
+        if self._ids.model is not world.model:
+            of_objects = {name: world.object_body(name) for name in world.objects}
+            self._ids = _BodyIds(world.model, of_objects, np.array(world.model.geom_bodyid))
+        return self._ids
 
     def _held_otherwise(self, one: ConditionSpec) -> str:
         if one.object is None or (one.held is None and one.held_by is None):

@@ -11,7 +11,7 @@ import numpy as np
 
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.grasping.candidates import CLEAR, cup_grasps, least_width
-from bt_dualarm.grasping.grasp import Load, Solid
+from bt_dualarm.grasping.grasp import CupMeasures, Load, Solid
 from bt_dualarm.robots.gripper import Gripper, load_gripper
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.grasp_search import GRAVITY, LIGHT_KG, TakingPorts
@@ -86,10 +86,11 @@ def _complaint(
                 message = f"{label} is {1e3 * width:.0f} mm wide"
                 return message, f"the fingers of {gripper.name} open to {1e3 * opening:.0f} mm"
     else:
-        wide = 2.0 * cup_measures(gripper, obj.friction).radius
+        cup = cup_measures(gripper, obj.friction)
+        wide = 2.0 * cup.radius
         if not any(_flat(*one) > _AMPLE * wide for one in shapes):
             solid = _solid(obj, part)
-            if solid is not None and not _seals(gripper, solid, obj.friction):
+            if solid is not None and not _seals(cup, solid):
                 message = f"{label} has no face on which {gripper.name} seals"
                 return message, f"it needs a flat one {1e3 * wide:.0f} mm wide"
     if obj.joint is not None:  # which bears the weight
@@ -140,7 +141,7 @@ _AMPLE: Final = 1.2
 """Width of a face over that of a cup from which it surely seals."""
 
 
-def _seals(gripper: Gripper, solid: Solid, friction: float) -> bool:
+def _seals(cup: CupMeasures, solid: Solid) -> bool:
     """Whether a cup seals on some face of a solid."""
     light = Load(LIGHT_KG, np.array((0.0, 0.0, -GRAVITY)), 0.0, np.zeros(3))
-    return bool(cup_grasps(solid, cup_measures(gripper, friction), light))
+    return bool(cup_grasps(solid, cup, light))

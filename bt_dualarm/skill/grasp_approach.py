@@ -143,16 +143,15 @@ def first_approach(
                 room = 0.0
                 rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
             turned = arm.turned([rows])
-            if seen is not None and wanted.name:
-                arm.seen_at = {wanted.name: seen}
+            estimated = {wanted.name: seen} if seen is not None and wanted.name else {}
             arm.checks = checks if searched < _SEARCHES else min(checks, QUICK_CHECKS)
             try:
-                motion = yield from arm.plan(
-                    [rows[0]], speed, began_s=began_s, turned=[one[0] for one in turned]
-                )
+                with arm.avoiding(estimated):
+                    motion = yield from arm.plan(
+                        [rows[0]], speed, began_s=began_s, turned=[one[0] for one in turned]
+                    )
             finally:
                 arm.checks = checks
-                arm.seen_at = {}
             found = GraspApproach(
                 ranked, motion, beginning_at(motion.end, (rows, *turned)), standoff
             )

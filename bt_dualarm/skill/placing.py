@@ -792,19 +792,19 @@ class SettingDown:
         if not gripper.description.fingers:
             yield from gripper.until_open()
             return
+        has_room = self._room >= _APART_M
         try:
             for _ in gripper.until_open():
-                if self._room >= _APART_M and gripper.width >= width + 2.0 * _APART_M:
+                if has_room and gripper.width >= width + 2.0 * _APART_M:
                     return
                 yield 0.85
-            is_pressing = self._room < _APART_M
+            if has_room:
+                return
         except Failure:
-            is_pressing = True
             if gripper.width < width + 2.0 * _LOOSE_M:
                 raise
-        if is_pressing:
-            gripper.command(0.5 * (gripper.width + width))
-            yield from gripper.until_open()
+        gripper.command(0.5 * (gripper.width + width))
+        yield from gripper.until_open()
 
     def _let_go(self, width: float, object_pose: Pose) -> None:
         """Detach the object, also where the leaf is halted: the hand opens all the same."""

@@ -56,7 +56,7 @@ def test_near_arm_does_not_reduce_the_margin_to_another(robot: str) -> None:
         _shared=shared,
         resting=frozenset(),
         left_out=frozenset(),
-        seen_at={},
+        _seen={},
     )
     checker = Arm.checker(cast("Arm", state))
     assert checker.free(q)
