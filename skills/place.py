@@ -40,8 +40,8 @@ class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to place; by default what the gripper holds")
     at: CarriedPose = port(
         ...,
-        "goal pose of the object; by default with its current orientation, or upright if it would "
-        "tip over in that",
+        "goal pose of the object; by default with its current orientation, upright if it would "
+        "tip over in that, and rotated about the vertical if it cannot be set down otherwise",
     )
     look: bool = port(False, "whether the wrist camera then verifies the object's pose")
 
@@ -84,8 +84,9 @@ class Place(Skill):
         arm.refuse_shared()
         goal = self.ports.at.pose_from(object_pose)
         looked_for = self._looked_for(name)
-        setting_down = SettingDown(arm, self.ports, held, self.metrics)
-        if not self.ports.at.is_oriented:
+        is_free = not self.ports.at.is_oriented
+        setting_down = SettingDown(arm, self.ports, held, self.metrics, any_heading=is_free)
+        if is_free:
             goal = setting_down.level(goal)
         passengers = PassengerCheck(arm.world, name, [goal])
         try:
@@ -93,9 +94,10 @@ class Place(Skill):
                 yield from setting_down.resume(released)
             else:
                 yield from setting_down.through(goal)
+                goal = setting_down.goal
         except Failure as failure:
             leans = np.arccos(min(1.0, np.abs(goal.rotation_matrix[2]).max()))
-            if failure.code not in _REFUSALS or self.ports.at.is_oriented or leans < _LEANS:
+            if failure.code not in _REFUSALS or not is_free or leans < _LEANS:
                 raise
             raise Failure(
                 failure.code,

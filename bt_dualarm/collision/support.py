@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import mujoco
@@ -73,6 +74,7 @@ class Support:
         topples: Whether it would roll over even on a level surface, because its center of mass is
             not in a stable position above its round lower side.
         carrier: Object in another arm's hand that is part of the support; empty if there is none.
+        heading: Direction of the horizontal axes of what it stands on, rad, up to quarter turns.
     """
 
     below: float
@@ -82,6 +84,7 @@ class Support:
     rolls: bool
     topples: bool = False
     carrier: str = ""
+    heading: float = 0.0
 
     @property
     def slides(self) -> bool:
@@ -134,19 +137,19 @@ def support_below(
     bearing = [hit for hit in corners if hit.geom >= 0]
     carrier = next(filter(None, (rays.carrier_of(hit.geom) for hit in bearing)), "")
     slope = max((hit.slope for hit in bearing), default=0.0)
+    heading = _heading(world, bearing[0].geom) if bearing else 0.0
+    support = partial(Support, carrier=carrier, heading=heading)
     coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
     # MuJoCo combines the friction of two geoms by their maximum.
     friction = max(spec.friction, min(coefficients, default=0.0))
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
         unstable = tilt > _LEVEL
-        return Support(
-            nearest, tilt, slope, friction, rolls=unstable, topples=unstable, carrier=carrier
-        )
+        return support(nearest, tilt, slope, friction, rolls=unstable, topples=unstable)
     is_ball = spec.shape in ("sphere", "ellipsoid")
     is_round = is_ball or (body.is_axisymmetric and abs(axis[2]) <= _UPRIGHT)
     if not is_round:
-        return Support(nearest, tilt, slope, friction, rolls=False, carrier=carrier)
+        return support(nearest, tilt, slope, friction, rolls=False)
     # A lying cylinder, capsule or tube rolls across its axis, a sphere in any direction.
     along = axis[:2] / max(math.hypot(axis[0], axis[1]), 1e-9)
     across = [np.array((-along[1], along[0]))]
@@ -156,13 +159,20 @@ def support_below(
     level = all(rays.is_level(lowest + drop, direction) for direction in across)
     if level and is_ball:
         rocks = spec.shape == "ellipsoid" and _off_balance(spec.size, pose.rotation_matrix)
-        return Support(nearest, 0.0, 0.0, friction, rolls=rocks, topples=rocks, carrier=carrier)
+        return support(nearest, 0.0, 0.0, friction, rolls=rocks, topples=rocks)
     if level:
         ends = (-min(MARGIN_M, room) * along, min(MARGIN_M, room) * along)
         tilt = max(abs(float(hull.gradient(at) @ along)) for at in ends)
-        return Support(nearest, math.atan(tilt), slope, friction, rolls=False, carrier=carrier)
+        return support(nearest, math.atan(tilt), slope, friction, rolls=False)
     # Between two objects it lies as in a trough.
-    return Support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0), carrier=carrier)
+    return support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0))
+
+
+def _heading(world: World, geom: int) -> float:
+    """Direction of the most horizontal axis of the body of a geom, rad."""
+    axes = world.sensed.xmat[world.model.geom_bodyid[geom]].reshape(3, 3)[:2]
+    lying = int(np.argmax(np.hypot(*axes)))
+    return math.atan2(axes[1, lying], axes[0, lying])
 
 
 def bearing_ahead(

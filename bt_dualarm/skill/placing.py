@@ -155,6 +155,8 @@ was detected or not: a tray gives way there under hardly more than the object's 
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _SAME_RAD: Final = 0.02  # rotation of the tool up to which it is still on its retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
+_HEADING_RAD: Final = np.radians(15.0)  # steps of the headings to try where any will do
+_SAME_HEADING: Final = 1e-3  # rotation that makes no difference to a heading, rad
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 
 
@@ -202,6 +204,7 @@ class _Descent:
     """Planned descent to a pose of the tool.
 
     Attributes:
+        goal: Pose of the object in the world.
         tool: Pose of the tool in the world with the object at its goal.
         height: Height above that at which the descent begins, m.
         branches: Configurations down to near the goal, of shape (n, dof), rad, for each feasible
@@ -209,6 +212,7 @@ class _Descent:
         turned: Rotation of the object from its goal into itself, rad.
     """
 
+    goal: Pose
     tool: Pose
     height: float
     branches: list[Matrix]
@@ -223,9 +227,12 @@ class SettingDown:
         ports: Ports of the skill.
         held: Attachment of the object.
         metrics: Metrics of the skill, to be filled.
+        any_heading: Whether the object may be rotated about the vertical where it cannot be set
+            down as its goal says.
 
     Attributes:
         failures: Failure codes of placing and their meaning.
+        goal: Pose of the object in the world that it is lowered to.
     """
 
     failures: Final[Mapping[str, str]] = {
@@ -240,9 +247,16 @@ class SettingDown:
     }
 
     def __init__(
-        self, arm: Arm, ports: SettingDownPorts, held: Attachment, metrics: dict[str, Number]
+        self,
+        arm: Arm,
+        ports: SettingDownPorts,
+        held: Attachment,
+        metrics: dict[str, Number],
+        *,
+        any_heading: bool = False,
     ) -> None:
         self._arm = arm
+        self._any_heading = any_heading
         self._ports = ports
         self._metrics = metrics
         self._held = held
@@ -270,6 +284,7 @@ class SettingDown:
                 as motions.
         """
         arm = self._arm
+        self.goal = goal
         grip = Grip(self._arm, self._name)
         grip.look()
         began_s = arm.time
@@ -291,7 +306,7 @@ class SettingDown:
                 yield from grip.judge(failure)
             raise
         object_pose = self._touched @ self._in_tool
-        self._metrics["believed_error_m"] = object_pose.distance(goal)
+        self._metrics["believed_error_m"] = object_pose.distance(self.goal)
         yield from self._release(grip.width, object_pose)
         return object_pose
 
@@ -441,6 +456,9 @@ class SettingDown:
                 grip.look()
             yield from replace(move, give_way=False).along(rest, follow)
         (descent,) = descents
+        self.goal = descent.goal
+        if self.goal is not goal:
+            self._metrics["heading_rad"] = goal.angle(self.goal)
         if descent.height < ports.height:
             self._metrics["lowered_from_m"] = descent.height
         if descent.turned:
@@ -590,6 +608,23 @@ class SettingDown:
             )
 
     def _descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
+        """Descent to a goal, see `_roomy_descent`.
+
+        Where any heading will do, others are tried after that of the goal.
+        """
+        try:
+            return (yield from self._roomy_descent(goal, move))
+        except Failure as failure:
+            refusal = failure.with_traceback(None)
+        if self._any_heading and not move.may_leave(refusal):
+            for other in self._other_headings(goal):
+                yield
+                with suppress(Failure):
+                    self._support_at(other)
+                    return (yield from self._roomy_descent(other, move))
+        raise refusal
+
+    def _roomy_descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal, where the fingers can open if possible; see `_any_descent`."""
         self._needs_room = True
         self._is_cramped = False
@@ -600,6 +635,30 @@ class SettingDown:
                 raise
         self._needs_room = False
         return (yield from self._any_descent(goal, move))
+
+    def _other_headings(self, goal: Pose) -> Iterator[Pose]:
+        """Poses rotated about the vertical from a goal, up to the object's symmetry.
+
+        First those in which hand or object are in line with what it will stand on: between the
+        walls of a bin it may fit in no others. Then the multiples of `_HEADING_RAD`.
+        """
+        lined_up: list[float] = []
+        found = self._support_at(goal)
+        if found is not None:
+            for frame in (goal @ self._in_tool.inverse, goal):
+                axes = frame.rotation_matrix[:2]
+                lying = int(np.argmax(np.linalg.norm(axes, axis=0)))
+                heading = float(np.arctan2(axes[1, lying], axes[0, lying]))
+                lined_up.extend(found.heading - heading + np.arange(4) * (np.pi / 2.0))
+        grid = np.arange(1, round(np.pi / _HEADING_RAD) + 1) * _HEADING_RAD
+        alike = poses_alike(self._arm.world.objects[self._name], goal)
+        most = min((0.5 * abs(turn) for turn, _ in alike if turn), default=np.pi)
+        for turns in (np.array(lined_up), np.column_stack((grid, -grid)).ravel()):
+            wrapped = np.round((turns + np.pi) % (2.0 * np.pi) - np.pi, 6)
+            for turn in dict.fromkeys(sorted(wrapped.tolist(), key=abs)):
+                if _SAME_HEADING < abs(turn) <= most + _SAME_HEADING:
+                    rotation = from_rotation_vectors(turn * _UP[None])
+                    yield Pose(goal.position, product(rotation, goal.quaternion[None])[0])
 
     def _any_descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
@@ -619,7 +678,9 @@ class SettingDown:
         height = self._ports.height
         upright = goal @ self._in_tool.inverse
         try:
-            return _Descent(upright, height, (yield from self._branches_down(upright, height)))
+            return _Descent(
+                goal, upright, height, (yield from self._branches_down(upright, height))
+            )
         except Failure as failure:
             # A traceback would keep this frame alive.
             refusals = [failure.with_traceback(None)]
@@ -630,9 +691,8 @@ class SettingDown:
             tool = alike @ self._in_tool.inverse
             yield
             try:
-                lowest = _Descent(
-                    tool, _LOWEST_M, (yield from self._branches_down(tool, _LOWEST_M)), turned
-                )
+                branches = yield from self._branches_down(tool, _LOWEST_M)
+                lowest = _Descent(goal, tool, _LOWEST_M, branches, turned)
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
                 # Every higher descent contains this one. But a redundant arm has endless branches:
@@ -643,7 +703,7 @@ class SettingDown:
                     branches = yield from self._branches_down(tool, height)
                 except Failure:
                     continue
-                return _Descent(tool, height, branches, turned)
+                return _Descent(goal, tool, height, branches, turned)
             for share in (1.0, *_LOWER) if turned else _LOWER:
                 try:
                     branches = yield from self._branches_down(tool, share * height)
@@ -653,7 +713,7 @@ class SettingDown:
                         branches = yield from self._branches_down(tool, begin)
                 except Failure:
                     continue
-                return _Descent(tool, begin, branches, turned)
+                return _Descent(goal, tool, begin, branches, turned)
             return lowest
         # Another arm may leave: the requested pose may be beyond reach, but not its equals.
         raise max(refusals, key=lambda one: move.may_leave(one) + move.may_clear(one))

@@ -83,6 +83,60 @@ def test_box_is_rotated_by_its_symmetry_only() -> None:
     assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
 
 
+@pytest.mark.parametrize(
+    ("robot", "gripper", "yaw", "heading"),
+    some(
+        [
+            ("panda", "panda_hand", 0, 20),
+            ("fr3", "panda_hand", 80, -33),
+            ("ur5e", "robotiq_2f85", 80, -33),
+            ("xarm7", "panda_hand", -60, -15),
+        ],
+        2,
+    ),
+)
+def test_object_is_rotated_to_fit_between_the_walls_of_a_bin(
+    robot: str, gripper: str, yaw: float, heading: float
+) -> None:
+    """It failed with `IN_COLLISION`: the block kept the angle at which it had been grasped."""
+    bin_ = {"shape": "bin", "size": [0.12, 0.07, 0.04]}
+    leaf = placed(
+        robot,
+        gripper,
+        {
+            "block": {"shape": "box", "size": [0.06, 0.03, 0.05], "mass": 0.1}
+            | {"pose": {"xyz": [0.45, -0.35, 0.4255], "rpy": [0, 0, yaw]}},
+            "crate": bin_
+            | {"wall": 0.004, "mass": 0.3, "fixed": True}
+            | {"pose": {"xyz": [0.45, 0.2, 0.4205], "rpy": [0, 0, heading]}},
+        },
+        {"grasp": {"object": "block"}},
+        {"place": {"at": {"on": "crate"}}},
+    )
+    assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
+    turned = np.degrees(leaf.metrics["heading_rad"])
+    off = [(yaw + way * turned - heading + 45.0) % 90.0 - 45.0 for way in (1.0, -1.0)]
+    assert min(map(abs, off)) < 3.0
+
+
+def test_given_orientation_is_kept() -> None:
+    """Only `at` without an orientation leaves the heading to `place`."""
+    at = {"xyz": [0.45, 0.2, 0.448], "rpy": [0, 0, 45]}
+    leaf = placed(
+        "panda",
+        "panda_hand",
+        {
+            "block": {"shape": "box", "size": [0.06, 0.03, 0.05], "mass": 0.1}
+            | {"pose": {"xyz": [0.45, -0.35, 0.4255]}},
+            "crate": {"shape": "bin", "size": [0.12, 0.07, 0.04], "wall": 0.004, "mass": 0.3}
+            | {"fixed": True, "pose": {"xyz": [0.45, 0.2, 0.4205]}},
+        },
+        {"grasp": {"object": "block"}},
+        {"place": {"at": at}},
+    )
+    assert (leaf.status, leaf.code) == ("FAILURE", "IN_COLLISION"), leaf.reason
+
+
 def stand(x: float, y: float) -> dict[str, Any]:
     """A fixed stand of 0.2 m with its center at (x, y)."""
     pose = {"xyz": [x, y, 0.1]}
