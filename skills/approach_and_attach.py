@@ -267,7 +267,10 @@ class ApproachAndAttach(Skill):
             arm.refuse_collision_along(rows, ignore=touched)
             return rows
 
-        return (yield from first_possible(arm.lines(standoff, end), attempt, most=_BRANCHES))
+        branches = arm.lines(standoff, end)
+        return (
+            yield from first_possible(branches, attempt, most=_BRANCHES, is_final=arm.is_of_hand)
+        )
 
     def _fingertip_offset(self) -> float:
         """Distance, m, of the fingertips beyond the tool frame, which lies between the pads.

@@ -36,8 +36,9 @@ def first_possible(
         attempt: Plans in one branch, or raises a `Failure`.
         most: Branches to try.
         per_tick: Branches that are tried in one tick.
-        is_final: Whether a refusal ends the search: its reason may vanish, and the branch is
-            better than those after it. By default none does.
+        is_final: Whether a refusal ends the search: the branches after it would be refused for the
+            same reason, or its reason may vanish and the branch is better than those. By default
+            none does.
 
     Returns:
         What ``attempt`` returned.

@@ -45,6 +45,7 @@ from bt_dualarm.planning.problem import (
     refuse_contact,
     straight_motion,
 )
+from bt_dualarm.robots.gripper import GRIPPER
 from bt_dualarm.safety.guard import RESCALED, PlanMonitor, clearance
 from bt_dualarm.trajectory.coupled import CoupledSource
 from bt_dualarm.trajectory.overlap import OverlappedMotion
@@ -1034,6 +1035,21 @@ class ArmMotions(ArmState):
     def grip_speed_scale(self) -> float:
         """Speed scale, up to 1, to which the grip's friction limited the last motion."""
         return self._shared.carrying.grip_speed_scale
+
+    def is_of_hand(self, failure: Failure) -> bool:
+        """Whether the hand, or what it holds, would touch something on a straight line.
+
+        It would do so in all branches of the inverse kinematics, so that none after the one that
+        was refused has to be tried. This holds only where the tool's path is the same in all of
+        them: it has no free axis.
+        """
+        if not isinstance(failure, CollisionFailure) or failure.obstacle == self.name:
+            return False
+        return (
+            failure.first == f"{self.name}/{self.robot.tool_link}"
+            or failure.first.startswith(f"{self.name}/{GRIPPER}")
+            or failure.first in self.world.carried_by(self.name)
+        )
 
     @contextmanager
     def avoiding(self, seen: Mapping[str, Pose]) -> Iterator[None]:

@@ -42,6 +42,9 @@ from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.values import Value
 from bt_dualarm.spec.yaml_reader import DataPath as Place
 
+GRIPPER: Final = "gripper/"
+"""Prefix of the names of all bodies of a gripper."""
+
 PALM: Final = "gripper/palm"
 """Link that a gripper adds to its arm; names of links in URDFs contain no slash."""
 

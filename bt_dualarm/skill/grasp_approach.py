@@ -10,11 +10,10 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
-from bt_dualarm.core.errors import CollisionFailure, Failure, nearest_to_success
+from bt_dualarm.core.errors import Failure, nearest_to_success
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
 from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
-from bt_dualarm.robots.gripper import FINGERS, PALM
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import WantedGrasp
@@ -233,7 +232,7 @@ def _rows_to(
         return rows
 
     branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
-    return (yield from first_possible(branches, attempt, per_tick=2))
+    return (yield from first_possible(branches, attempt, per_tick=2, is_final=arm.is_of_hand))
 
 
 def refuse_goal(
@@ -263,7 +262,6 @@ def refuse_goal(
     has_fingers = arm.name in arm.world.grippers and arm.gripper.description.fingers
     if has_fingers:
         closed.open_fingers(width)
-    hand = {f"{arm.name}/{part}" for part in (PALM, *FINGERS)}
     first: Failure | None = None
     for _, alike in poses_alike(arm.world.declared_objects[name], goal):
         tool = alike @ in_object
@@ -278,12 +276,7 @@ def refuse_goal(
                     arm.refuse_collision_along(back, held)
                 except Failure as failure:
                     first = first or failure.with_traceback(None)  # would keep this frame alive
-                    # The hand moves along the same line in all branches.
-                    if (
-                        isinstance(failure, CollisionFailure)
-                        and failure.first in hand
-                        and failure.obstacle != arm.name
-                    ):
+                    if arm.is_of_hand(failure):
                         break
                 else:
                     return

@@ -761,6 +761,8 @@ class SettingDown:
                         break
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
+                if arm.is_of_hand(failure):
+                    break
                 if len(refusals) % 2:
                     continue  # most are found out soon: two are checked in one tick
             yield
