@@ -120,7 +120,11 @@ def test_object_is_rotated_to_fit_between_the_walls_of_a_bin(
 
 
 def test_given_orientation_is_kept() -> None:
-    """Only `at` without an orientation leaves the heading to `place`."""
+    """Only `at` without an orientation leaves the heading to `place`.
+
+    The block meets the bin in every branch of the inverse kinematics: one is enough to tell. It
+    took 0.7 s of simulated time to try sixteen.
+    """
     at = {"xyz": [0.45, 0.2, 0.448], "rpy": [0, 0, 45]}
     leaf = placed(
         "panda",
@@ -135,6 +139,8 @@ def test_given_orientation_is_kept() -> None:
         {"place": {"at": at}},
     )
     assert (leaf.status, leaf.code) == ("FAILURE", "IN_COLLISION"), leaf.reason
+    assert leaf.ended_s is not None
+    assert leaf.ended_s - leaf.started_s < 0.1
 
 
 def stand(x: float, y: float) -> dict[str, Any]:
