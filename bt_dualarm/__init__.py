@@ -204,6 +204,7 @@ if TYPE_CHECKING:
     from bt_dualarm.trajectory.paths import line as _line
     from bt_dualarm.trajectory.paths import lissajous as _lissajous
     from bt_dualarm.trajectory.paths import turned_about as _turned_about
+    from bt_dualarm.trajectory.set_points import SetPoint as SetPoint
     from bt_dualarm.trajectory.trajectory import Trajectory as Trajectory
 
     blended_path = _blended
@@ -299,6 +300,7 @@ _CONTENTS: Final = {
     "Vector": "core.pose:Vector",
     "Matrix": "core.pose:Matrix",
     "Trajectory": "trajectory.trajectory:Trajectory",
+    "SetPoint": "trajectory.set_points:SetPoint",
     "circle_path": "trajectory.paths:circle",
     "line_path": "trajectory.paths:line",
     "nearest_allowed": "core.free_axes:nearest_allowed",

@@ -24,8 +24,10 @@ from tests.commands import BtRun, Ran, in_this_process
 from tests.no_plots import BT_RUN_NO_PLOTS, no_plots
 from tests.plays import Stage
 
-# A first example may trigger lazy imports, on a busy machine.
-settings.register_profile("unhurried", deadline=None)
+# A first example may trigger lazy imports, on a busy machine. Each run has the same examples; new
+# ones are tried with `pytest --hypothesis-profile=exploring`.
+settings.register_profile("unhurried", deadline=None, derandomize=True)
+settings.register_profile("exploring", deadline=None)
 settings.load_profile("unhurried")
 
 BYTE_CODE = "PYTHONPYCACHEPREFIX"

@@ -43,6 +43,7 @@ from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,
     refuse_contact,
+    refuse_infeasible,
     straight_motion,
 )
 from bt_dualarm.robots.gripper import GRIPPER
@@ -226,8 +227,11 @@ class ArmMotions(ArmState):
             Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` if the motion
                 begins elsewhere, or at rest while the arm still moves, see `come_to_rest`;
                 ``INVALID_TARGET`` if it holds something that moves on a joint or that another arm
-                holds as well, unless contact is intended.
+                holds as well, unless contact is intended, or if the arm cannot follow the motion;
+                ``JOINT_LIMIT``.
         """
+        if type(trajectory) is Trajectory:  # others are computed on demand, by planners only
+            refuse_infeasible(trajectory, self.robot, self.period)
         if not may_touch:
             self._refuse_bound()
         self._lease.take()
@@ -726,6 +730,7 @@ class ArmMotions(ArmState):
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self.come_to_rest()
+        goals = self._configurations(goals)
         at_goals = keep is None
         if keep is None:
             ends = (self.setpoint.q, goals[0])
@@ -745,6 +750,28 @@ class ArmMotions(ArmState):
             else:
                 break
         return motion
+
+    def _configurations(self, goals: Sequence[Vector]) -> list[Vector]:
+        """Goals as arrays.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` if there is none, or one does not have an angle per joint.
+        """
+        found = [np.asarray(goal, dtype=np.float64) for goal in goals]
+        if not found:
+            raise Failure(
+                "INVALID_TARGET", "there is no goal: at least one configuration is needed"
+            )
+        dof = self.robot.dof
+        for goal in found:
+            if goal.ndim == 0:
+                why = f"each goal is a configuration of {dof} angles: a single one is given as [q]"
+                raise Failure("INVALID_TARGET", why)
+            if goal.shape != (dof,):
+                raise Failure(
+                    "INVALID_TARGET", f"{goal.tolist()} are not the angles of {dof} joints"
+                )
+        return found
 
     def _plan_once(
         self,
@@ -1099,9 +1126,10 @@ class ArmMotions(ArmState):
         """Check a configuration before anything moves.
 
         Raises:
-            Failure: ``IN_COLLISION`` with the two bodies and their penetration depth.
+            Failure: ``IN_COLLISION`` with the two bodies and their penetration depth;
+                ``INVALID_TARGET`` if it does not have an angle per joint.
         """
-        contact = self.checker(ignore).contact(q)
+        contact = self.checker(ignore).contact(*self._configurations([q]))
         if contact is not None:
             raise contact.failure()
 

@@ -64,13 +64,13 @@ class ArmState:
 
     @property
     def setpoint(self) -> SetPoint:
-        """Last set-point that was sent: motions begin there."""
-        return self.controller.setpoint
+        """Copy of the last set-point that was sent: motions begin there."""
+        return self.controller.setpoint.copy()
 
     @property
     def q(self) -> Vector:
-        """Measured joint angles, of shape (dof,), rad."""
-        return self.world.hardware[self.name].q
+        """Copy of the measured joint angles, of shape (dof,), rad."""
+        return self.world.hardware[self.name].q.copy()
 
     @property
     def tool_pose(self) -> Pose:
@@ -106,7 +106,13 @@ class ArmState:
         return self.world.nominal[self.name].loads
 
     def limits(self, speed: float) -> JointLimits:
-        """Joint limits with velocity, acceleration and jerk times ``speed``."""
+        """Joint limits with velocity, acceleration and jerk times ``speed``.
+
+        Raises:
+            ValueError: The speed is not above 0 to 1.
+        """
+        if not 0.0 < speed <= 1.0:
+            raise ValueError(f"speed {speed} is not a fraction of the arm's limits, above 0 to 1")
         return self.robot.limits.scaled(speed)
 
     def posture(self, name: str) -> Vector:

@@ -45,7 +45,13 @@ class Pose:
 
     @classmethod
     def from_rpy(cls, xyz: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Pose:
-        """Roll, pitch, yaw in radians about the fixed axes x, y, z in that order (URDF)."""
+        """Roll, pitch, yaw in radians about the fixed axes x, y, z in that order (URDF).
+
+        Raises:
+            ValueError: Not three numbers each.
+        """
+        if len(xyz) != len(rpy):
+            raise ValueError(f"a position is three numbers, not {tuple(xyz)}")
         (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2.0), math.sin(a / 2.0)) for a in rpy)
         quaternion = np.array(
             (

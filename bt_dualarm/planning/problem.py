@@ -10,7 +10,7 @@ that one resolution holds for shoulder and wrist alike. A search ends after a nu
 after a time: its result depends on the problem and its seed alone.
 
 - `PlanningProblem`, `admitted`, `straight_motion` and `motion_around` plan a motion to a goal.
-- `refuse_contact` checks a motion from any other source.
+- `refuse_contact` and `refuse_infeasible` check a motion from any other source.
 - `trace` follows a Cartesian path of the tool.
 - `yielding_configurations` proposes where an arm can wait out of the others' way.
 """
@@ -47,14 +47,25 @@ from bt_dualarm.planning.path_search import (
     Planner,
     shortened,
 )
-from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.robots.robot import JointLimits, Robot
 from bt_dualarm.trajectory.path_timing import TimedPath, point_to_point, time_path, timed_path
 from bt_dualarm.trajectory.paths import CartesianPath, corner_curve
+from bt_dualarm.trajectory.set_points import keeps_rates
 from bt_dualarm.trajectory.trajectory import LONG, Trajectory
 
 _SHORT_CHECKS = 500
 """Maximum number of checks of the short search. With 1,000, OMPL solves 5 % more problems of
 `benchmarks.scenes`, and those that it does not solve take half as long again."""
+
+_SAME_S = 1e-9
+"""Largest difference of two periods that are the same, s."""
+
+_AT_REST_RAD_S = 1e-3
+"""Velocity up to which a motion ends at rest, rad/s."""
+
+_SAME_RAD = 1e-3
+"""Difference of a position from what the velocities before make of it, rad: the trapezoids that
+are compared with it are off by less than a tenth of that."""
 
 _SHORT_EDGE = 1.0
 """Longest edge of the short search, as motion of the arm, m."""
@@ -492,6 +503,46 @@ def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None
         contact = strict.contact(q)
         if contact is not None:
             raise contact.failure()
+
+
+def refuse_infeasible(motion: Trajectory, robot: Robot, period: float) -> None:
+    """Check that an arm can follow a motion: skills may have made it in any way.
+
+    Args:
+        motion: The motion.
+        robot: Description of the arm.
+        period: Seconds between two set-points of its controller.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` with the reason; ``JOINT_LIMIT``.
+    """
+    q, v, a = motion.q, motion.v, motion.a
+    dof = robot.dof
+    why = ""
+    if q.shape[1] != dof:
+        why = (
+            f"it has {q.shape[1]} angles at each set-point, and {robot.full_name} has {dof} joints"
+        )
+    elif abs(motion.dt - period) > _SAME_S:
+        why = f"its set-points are {motion.dt:g} s apart, and those of the arm {period:g} s"
+    elif not all(np.isfinite(part).all() for part in (q, v, a)):
+        why = "it has set-points that are not numbers"
+    elif float(np.abs(v[-1]).max()) > _AT_REST_RAD_S:
+        why = f"it ends at {np.degrees(np.abs(v[-1]).max()):.3g}°/s instead of at rest"
+    elif not keeps_rates(np.stack((q, v, a)), period, robot.limits):
+        why = "it exceeds the velocity, acceleration or jerk limits of a joint"
+    elif _is_broken(q, v, period):
+        why = "its positions do not change by its velocities"
+    if why:
+        raise Failure("INVALID_TARGET", f"the arm cannot follow the motion: {why}")
+    for index in np.unique((q.argmin(axis=0), q.argmax(axis=0))):
+        refuse_beyond(robot.joints, q[index], robot.limits)
+
+
+def _is_broken(q: Matrix, v: Matrix, period: float) -> bool:
+    """Whether positions, of shape (n, dof), rad, change otherwise than velocities say, rad/s."""
+    expected = 0.5 * period * (v[1:] + v[:-1])
+    return bool(np.abs(np.diff(q, axis=0) - expected).max(initial=0.0) > _SAME_RAD)
 
 
 def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:

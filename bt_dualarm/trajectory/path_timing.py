@@ -240,6 +240,11 @@ def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:
 
 def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
     samples = np.atleast_2d(np.asarray(q_samples, dtype=float))
+    if samples.shape[-1] != len(limits.lower):
+        raise ValueError(
+            f"the path has the shape {samples.shape}: it needs {len(limits.lower)} angles in each "
+            "configuration"
+        )
     if not np.isfinite(samples).all():
         raise ValueError("a configuration of the path is not finite")
     beyond = float(np.maximum(limits.lower - samples, samples - limits.upper).max(initial=-np.inf))

@@ -42,6 +42,10 @@ class SetPoint(NamedTuple):
     v: Vector
     a: Vector
 
+    def copy(self) -> SetPoint:
+        """The same one in arrays of its own."""
+        return SetPoint(self.q.copy(), self.v.copy(), self.a.copy())
+
 
 class SetPointSource(Protocol):
     """Source of set-points that a controller follows: a trajectory or a stream."""
@@ -643,8 +647,14 @@ class StreamSource:
 
         Raises:
             Failure: ``STALE`` without a new set-point for `STALE_S`.
+            TypeError: The stream returns something else, or arrays of another shape.
         """
         given = self._stream(time)
+        if given is not None and not self._fits(given):
+            raise TypeError(
+                f"a stream returns a SetPoint, whose q, v and a are arrays of shape "
+                f"{self._next.q.shape}, or None; this one returns {given!r:.120}"
+            )
         # The same object again is an old set-point, unless it is one of rest.
         if given is not None and (given is not self._given or not given.v.any()):
             self._given = self._next = given
@@ -656,6 +666,13 @@ class StreamSource:
             raise Failure("STALE", f"no new set-point for {waited:.2f} s", waited_s=waited)
         self._next = self._coasting()
         return self._next
+
+    def _fits(self, given: object) -> bool:
+        """Whether it is a set-point of this arm: streams are written by users."""
+        shape = self._next.q.shape
+        return isinstance(given, SetPoint) and all(
+            isinstance(part, np.ndarray) and part.shape == shape for part in given
+        )
 
     def change_scale(self, scale: float) -> bool:
         """Set the stream's time scale, if it has one; return whether that is a change."""
@@ -724,7 +741,7 @@ def change_scale(
             # While the time scale falls, a slower change would let it fall far below zero first.
             continue
         rows = _sampled(motion, parameters)
-        if _within(rows, motion.dt, limits):
+        if keeps_rates(rows, motion.dt, limits):
             return ScaledPiece(parameters, Trajectory(motion.dt, *rows), scale)
     return None
 
@@ -894,7 +911,14 @@ def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt
     return rows
 
 
-def _within(rows: Stack, dt: float, limits: JointLimits) -> bool:
+def keeps_rates(rows: Stack, dt: float, limits: JointLimits) -> bool:
+    """Whether a motion keeps the velocity, acceleration and jerk limits of all joints.
+
+    Args:
+        rows: Positions, velocities and accelerations, of shape (3, n, dof).
+        dt: Seconds between set-points.
+        limits: Joint limits.
+    """
     from bt_dualarm.trajectory.trajectory_kernels import within
 
     most = np.array((limits.velocity, limits.acceleration, limits.jerk))
