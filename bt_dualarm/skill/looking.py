@@ -446,7 +446,12 @@ def look_at(
 
 
 def camera_now(arm: Arm) -> Pose:
-    """Pose of the wrist camera in the world, from the encoders and the nominal model."""
+    """Pose of the wrist camera in the world, from the encoders and the nominal model.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+    own_camera(arm)
     return arm.world.nominal[arm.name].camera_pose_at(arm.q)
 
 

@@ -28,6 +28,7 @@ REASONS = {
     "speed 0": ("EXCEPTION", "speed 0.0 is not a fraction of the arm's limits, above 0 to 1"),
     "speed 2": ("EXCEPTION", "speed 2.0 is not a fraction"),
     "a configuration of two joints": ("INVALID_TARGET", "are not the angles of 7 joints"),
+    "no camera": ("EXCEPTION", "arm1 has no camera that moves with it"),
     "a stream of arrays": ("EXCEPTION", "a stream returns a SetPoint"),
     "a stream of lists": ("EXCEPTION", "a stream returns a SetPoint"),
     "a stream of two joints": ("EXCEPTION", "arrays of shape (7,)"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bt_dualarm import Arm, PortModel, SetPoint, Skill, Trajectory, port
+from bt_dualarm import Arm, PortModel, SetPoint, Skill, Trajectory, camera_now, port
 
 
 def trajectory(arm: Arm, **changed: Any) -> Trajectory:
@@ -55,6 +55,11 @@ def checked(arm: Arm) -> Iterator[float | None]:
     yield None
 
 
+def looked(arm: Arm) -> Iterator[float | None]:
+    camera_now(arm)
+    yield None
+
+
 MISTAKES: dict[str, Callable[[Arm], Iterator[float | None]]] = {
     "no goal": traveling(lambda _: []),
     "a goal without a list": traveling(lambda arm: arm.q),
@@ -62,6 +67,7 @@ MISTAKES: dict[str, Callable[[Arm], Iterator[float | None]]] = {
     "speed 0": traveling(lambda arm: [arm.q], 0.0),
     "speed 2": traveling(lambda arm: [arm.q], 2.0),
     "a configuration of two joints": checked,
+    "no camera": looked,
     "a stream of arrays": streaming(lambda arm: arm.q),
     "a stream of lists": streaming(lambda arm: SetPoint(arm.q.tolist(), [0], [0])),  # type: ignore[arg-type]
     "a stream of two joints": streaming(lambda _: SetPoint(*np.zeros((3, 2)))),
