@@ -10,6 +10,7 @@ from typing import ClassVar, Final, Protocol, Self, TypeAlias, cast
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from bt_dualarm.behaviors.report import StatusChange, StatusName
 from bt_dualarm.core.errors import Failure, Number
@@ -139,7 +140,8 @@ class OutputWriter:
 
         Raises:
             KeyError: The skill declares no such output.
-            pydantic.ValidationError: The value is not of the declared type.
+            TypeError: The value is not of the declared type.
+            pydantic.ValidationError: It is not within the declared range.
         """
         if name not in self._model.model_fields:
             raise KeyError(f"the skill declares no output '{name}'")
@@ -147,7 +149,12 @@ class OutputWriter:
             return
         model = only(self._model, name)
         given = model.model_construct(None, **{name: value})
-        data = given.model_dump(mode="json", warnings="error")
+        try:
+            data = given.model_dump(mode="json", warnings="error")
+        except PydanticSerializationError:
+            declared = model.model_fields[name].annotation
+            kind = getattr(declared, "__name__", "") or str(declared)
+            raise TypeError(f"output {name!r} is {value!r:.80}: it is declared as {kind}") from None
         validated(model, data)
         self._blackboard.write(self._keys[name], data[name])
         self._on_write(self._keys[name], data[name])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bt_dualarm.core.errors import Failure, SkillError
 from bt_dualarm.skill.skill import Skill, Ticks
 
@@ -38,7 +40,7 @@ class Condition(Skill):
             Failure: ``FALSE``: it does not hold.
         """
         holds: object = self.check()
-        if not isinstance(holds, bool):
+        if not isinstance(holds, bool | np.bool_):  # comparisons of arrays give the latter
             raise SkillError(
                 f"check() of {type(self).__name__} returns {holds!r}: return True or False"
             )

@@ -13,11 +13,13 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Final, TypeVar
 
 from pydantic import ValidationError
+from pydantic.errors import PydanticUserError
 
 from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
 from bt_dualarm.core.share import share_dir
@@ -26,11 +28,22 @@ from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
     RESERVED_NAMES,
+    Counterpart,
     NodeType,
     PortModel,
     metadata_of,
 )
 from bt_dualarm.spec.values import Refers
+
+_FLAGS: Final = (
+    "needs_camera",
+    "needs_gripper",
+    "needs_held",
+    "takes_hold",
+    "lets_go",
+    "begins_anywhere",
+)
+"""Attributes of a skill that are True or False."""
 
 _OUTSIDE: Final = (KeyboardInterrupt, Interruption, Overrun)
 """Exceptions that end an import from outside, even if the file itself has raised them."""
@@ -176,7 +189,8 @@ class Registry:
                 complaints.append(f"{origin}: {skill}")
                 continue
             name = yaml_name(skill)
-            complaints += [f"{origin}: {skill.__name__}: {fault}" for fault in faults(skill)]
+            wrong = [f"{origin}: {skill.__name__}: {fault}" for fault in faults(skill)]
+            complaints += wrong
             if name in RESERVED_NAMES:
                 complaints.append(
                     f"{origin}: '{name}' is a node type of the language; rename the class"
@@ -185,8 +199,9 @@ class Registry:
                 complaints.append(f"{origin}: skill '{name}' is already in {kinds[name].origin}")
             elif name in shipped and _shipped(shipped[name]) is not skill:
                 complaints.append(f"{origin}: skill '{name}' is already in {shipped[name]}")
-            skills.setdefault(name, skill)
-            kinds.setdefault(name, replace(kind_of(skill, origin), takes_hold=True))
+            if not wrong:
+                skills.setdefault(name, skill)
+                kinds.setdefault(name, replace(kind_of(skill, origin), takes_hold=True))
         if complaints:
             raise RegistryError(complaints)
         return cls(
@@ -245,15 +260,38 @@ def faults(skill: type[Skill]) -> Iterator[str]:
         model = getattr(skill, part)
         if not (isinstance(model, type) and issubclass(model, PortModel)):
             yield f"{part} is not a PortModel"
-        else:
-            yield from (*_port_faults(part, model), *_choice_faults(part, model))
-            yield from _brought_faults(skill) if part == "Ports" else ()
-    if skill.counterpart is not None:
-        joint = skill.counterpart
+            continue
+        try:
+            model.model_rebuild()
+        except PydanticUserError as error:
+            yield f"{part} has a port of a type that a file cannot hold: {error.message.partition('. ')[0]}"
+            continue
+        yield from (*_port_faults(part, model), *_choice_faults(part, model))
+        yield from _brought_faults(skill) if part == "Ports" else ()
+    yield from _attribute_faults(skill)
+    yield from _name_faults(skill)
+
+
+def _attribute_faults(skill: type[Skill]) -> Iterator[str]:
+    """Faults of the attributes that describe a skill to the check of trees."""
+    for name in _FLAGS:
+        if not isinstance(getattr(skill, name), bool):
+            yield f"{name} is {getattr(skill, name)!r}: it is True or False"
+    if not isinstance(skill.example, str):
+        yield f"example is {skill.example!r}: it is text in YAML"
+    if isinstance(skill.needs, str):
+        yield f"needs is the text {skill.needs!r}: it is a tuple of module names"
+    else:
+        for module in skill.needs:
+            if find_spec(module.partition(".")[0]) is None:
+                yield f"needs names the module '{module}', which is not installed"
+    joint: object = skill.counterpart
+    if isinstance(joint, Counterpart):
         for name in (joint.partner, *joint.same, *joint.by_one):
             if name not in getattr(skill.Ports, "model_fields", {}):
                 yield f"counterpart names '{name}', which is not a port"
-    yield from _name_faults(skill)
+    elif joint is not None:
+        yield f"counterpart is {joint!r}: it is a Counterpart"
 
 
 def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
@@ -308,7 +346,14 @@ def _name_faults(skill: type[Skill]) -> Iterator[str]:
         yield f"'{name}' cannot be the name of a port: it is reserved in every node"
     for name in sorted(fields[0] & fields[1]):
         yield f"'{name}' is a port and an output; rename one of them"
-    for code, meaning in skill.failures.items():
+    failures: object = skill.failures
+    if not isinstance(failures, Mapping):
+        yield f"failures is {failures!r}: it is a mapping from each code to its meaning"
+        return
+    for code, meaning in failures.items():
+        if not isinstance(code, str) or not isinstance(meaning, str):
+            yield f"failures has {code!r}: {meaning!r}: codes and their meanings are text"
+            continue
         if not _CODE.fullmatch(code):
             yield f"failure code '{code}' must consist of capital letters, digits and _"
         if not meaning:

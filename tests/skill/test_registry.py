@@ -99,6 +99,23 @@ def test_valid_skill_is_registered(folder: Path) -> None:
         ("failures =", 'takes_out = ("angle",)\n        failures =', "wave.py: WaveOnce: takes_out"
          " names 'angle', which is not a port with the name of an object or arm"),
         ("class WaveOnce(Skill)", "class WaveOnce", "wave.py: has no subclass of Skill"),
+        ('{"TIRED": "the arm is tired"}', '["TIRED"]', "wave.py: WaveOnce: failures is ['TIRED']:"
+         " it is a mapping from each code to its meaning"),
+        ('"the arm is tired"', "3",
+         "wave.py: WaveOnce: failures has 'TIRED': 3: codes and their meanings are text"),
+        ("failures =", 'needs = ("nowhere",)\n        failures =',
+         "wave.py: WaveOnce: needs names the module 'nowhere', which is not installed"),
+        ("failures =", 'needs = "scipy"\n        failures =',
+         "wave.py: WaveOnce: needs is the text 'scipy': it is a tuple of module names"),
+        ("failures =", 'needs_camera = "yes"\n        failures =',
+         "wave.py: WaveOnce: needs_camera is 'yes': it is True or False"),
+        ("failures =", 'counterpart = "take"\n        failures =',
+         "wave.py: WaveOnce: counterpart is 'take': it is a Counterpart"),
+        ('"wave_once: {angle: 30}"', "None",
+         "wave.py: WaveOnce: example is None: it is text in YAML"),
+        ("angle: float", "angle: Skill", "wave.py: WaveOnce: Ports has a port of a type that a file"
+         " cannot hold: Unable to generate pydantic-core schema for"
+         " <class 'bt_dualarm.skill.skill.Skill'>"),
         ('"""A skill."""', "1 / 0",
          "wave.py:2: cannot be imported: ZeroDivisionError: division by zero"),
     ],
