@@ -148,10 +148,13 @@ def blended(poses: Sequence[Pose], radius: float) -> CartesianPath:
         radius: Blend radius, m; a rotation by 1 rad counts as 0.2 m.
 
     Raises:
-        Failure: ``INVALID_TARGET`` for fewer poses, or two in a row that are equal.
+        Failure: ``INVALID_TARGET`` for fewer poses, two in a row that are equal, or a radius below
+            0.
     """
     if len(poses) < 2:
         raise Failure("INVALID_TARGET", "a path needs two poses or more", poses=len(poses))
+    if not radius >= 0.0:
+        raise Failure("INVALID_TARGET", "the blend radius must be 0 m or more", radius=radius)
     lines = [_step(there, here) for here, there in itertools.pairwise(poses)]
     lengths = [_length(line) for line in lines]
     if min(lengths) < 1e-6:

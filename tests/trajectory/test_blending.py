@@ -104,3 +104,10 @@ def test_single_or_repeated_pose_is_refused() -> None:
     with pytest.raises(Failure, match="pose 2 repeats") as caught:
         blended([START, START, corners([(0.1, 0, 0)])[1]], 0.02)
     assert caught.value.code == "INVALID_TARGET"
+
+
+@pytest.mark.parametrize("radius", [-1.0, math.nan])
+def test_radius_below_zero_is_refused(radius: float) -> None:
+    """It led a meter out of the way."""
+    with pytest.raises(Failure, match="blend radius must be 0 m or more"):
+        blended(corners([(0.3, 0.0, 0.0), (0.0, 0.3, 0.0)]), radius)
