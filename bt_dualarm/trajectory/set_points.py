@@ -669,10 +669,12 @@ class StreamSource:
 
     def _fits(self, given: object) -> bool:
         """Whether it is a set-point of this arm: streams are written by users."""
-        shape = self._next.q.shape
-        return isinstance(given, SetPoint) and all(
-            isinstance(part, np.ndarray) and part.shape == shape for part in given
-        )
+        if not isinstance(given, SetPoint):
+            return False
+        try:
+            return given.q.shape == given.v.shape == given.a.shape == self._next.q.shape
+        except AttributeError:  # lists
+            return False
 
     def change_scale(self, scale: float) -> bool:
         """Set the stream's time scale, if it has one; return whether that is a change."""
