@@ -264,7 +264,8 @@ def faults(skill: type[Skill]) -> Iterator[str]:
         try:
             model.model_rebuild()
         except PydanticUserError as error:
-            yield f"{part} has a port of a type that a file cannot hold: {error.message.partition('. ')[0]}"
+            why = error.message.partition(". ")[0]
+            yield f"{part} has a port of a type that a file cannot hold: {why}"
             continue
         yield from (*_port_faults(part, model), *_choice_faults(part, model))
         yield from _brought_faults(skill) if part == "Ports" else ()
