@@ -215,11 +215,11 @@ def _beside(
         if ((z < -jaw.palm) & (x * x + y * y < jaw.palm_radius**2)).any():
             continue
         beside = np.abs(y)
-        before = (np.abs(x) < wide - _TOUCHING) & (z > -jaw.palm)
-        before &= beside > 0.5 * grasp.width + _TOUCHING
+        before = (np.abs(x) < wide - TOUCHING) & (z > -jaw.palm)
+        before &= beside > 0.5 * grasp.width + TOUCHING
         before &= beside < 0.5 * jaw.widest_opening + jaw.thickness
         ahead = float(z[before].min(initial=math.inf)) - jaw.tip
-        if ahead >= -_TOUCHING:
+        if ahead >= -TOUCHING:
             yield replace(grasp, tool=tool, ahead=ahead)
 
 
@@ -595,7 +595,7 @@ close."""
 _ENOUGH_MARGIN = 4.0
 """Force margin above which more of it does not improve a grasp."""
 
-_TOUCHING = 1e-4
+TOUCHING = 1e-4
 """Penetration that counts as rounding, m."""
 
 _AROUND = 8
@@ -658,8 +658,9 @@ def ranked(
             cannot.
     """
     found = []
-    for grasp, room in zip(grasps, _rooms(grasps, object_pose, hand, obstacles), strict=True):
-        if room < -_TOUCHING:
+    (rooms,) = clearances(grasps, [object_pose], hand, obstacles).tolist()
+    for grasp, room in zip(grasps, rooms, strict=True):
+        if room < -TOUCHING:
             continue
         tool = object_pose @ grasp.tool
         effort = reach(tool)
@@ -673,42 +674,53 @@ def ranked(
     return tuple(sorted(found, key=lambda candidate: candidate.cost))
 
 
-def _rooms(
+def clearances(
     grasps: Sequence[Grasp],
-    object_pose: Pose,
+    object_poses: Sequence[Pose],
     hand: JawMeasures | CupMeasures | None,
     obstacles: Sequence[Obstacle],
-) -> list[float]:
+) -> Matrix:
     """Clearance of palm and fingers, open or closed on the object, from the obstacles, m.
 
-    Of grasps in collision, any value below `-_TOUCHING`. A cup has at least 0, as the balls that
+    Of grasps in collision, any value below `-TOUCHING`. A cup has at least 0, as the balls that
     stand for it are wider than it is, unless an obstacle contains a point of its axis.
+
+    Args:
+        grasps: Grasps on the object.
+        object_poses: Poses of the object in the world.
+        hand: As for `ranked`.
+        obstacles: As for `ranked`.
+
+    Returns:
+        Clearances of the grasps at each pose, of shape (poses, grasps).
     """
-    rooms = np.full(len(grasps), math.inf)
+    rooms = np.full((len(object_poses), len(grasps)), math.inf)
     if hand is None or not grasps:
-        return rooms.tolist()
+        return rooms
     if isinstance(hand, CupMeasures):
         centers, radii = _cup_balls(hand)
-        points = np.vstack([(object_pose @ grasp.tool).apply(centers) for grasp in grasps])
-        is_within = np.zeros(len(grasps), np.bool_)
         tube = _tube_balls(hand)
-        for obstacle in obstacles:
-            away = obstacle.solid.distance(obstacle.pose.inverse.apply(points))
-            away = away.reshape(len(grasps), -1)
-            rooms = np.minimum(rooms, (away - radii).min(axis=1))
-            is_within |= (away[:, :tube] < 0.0).any(axis=1)
-        found: list[float] = np.where(is_within, -math.inf, np.maximum(rooms, 0.0)).tolist()
-        return found
+        for row, object_pose in zip(rooms, object_poses, strict=True):
+            points = np.vstack([(object_pose @ grasp.tool).apply(centers) for grasp in grasps])
+            is_within = np.zeros(len(grasps), np.bool_)
+            for obstacle in obstacles:
+                away = obstacle.solid.distance(obstacle.pose.inverse.apply(points))
+                away = away.reshape(len(grasps), -1)
+                np.minimum(row, (away - radii).min(axis=1), out=row)
+                is_within |= (away[:, :tube] < 0.0).any(axis=1)
+            row[:] = np.where(is_within, -math.inf, np.maximum(row, 0.0))
+        return rooms
     from bt_dualarm.grasping.grasp_kernels import lower_clearances
 
     # In the object's frame, where the grasps are given: only the obstacles need a transform.
     tools = np.array([(*grasp.tool.position, *grasp.tool.quaternion) for grasp in grasps])
     widths = np.array([(hand.widest_opening, grasp.width) for grasp in grasps])
     points = _moving_points(hand)
-    for obstacle in obstacles:
-        pose = (object_pose.inverse @ obstacle.pose).matrix
-        lower_clearances(*obstacle.solid.form, pose, tools, widths, points, -_TOUCHING, rooms)
-    return rooms.tolist()
+    for row, object_pose in zip(rooms, object_poses, strict=True):
+        for obstacle in obstacles:
+            pose = (object_pose.inverse @ obstacle.pose).matrix
+            lower_clearances(*obstacle.solid.form, pose, tools, widths, points, -TOUCHING, row)
+    return rooms
 
 
 def _moving_points(jaw: JawMeasures) -> Matrix:

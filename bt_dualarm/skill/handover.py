@@ -15,6 +15,7 @@ does. At least one of them holds it at all times.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Generator, Iterator
@@ -31,7 +32,14 @@ from bt_dualarm.collision.distance import HANDS_APART_M, HANDS_M, PLANNING_MARGI
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.grasping.candidates import Obstacle, cup_grasps, jaw_grasps, ranked
+from bt_dualarm.grasping.candidates import (
+    TOUCHING,
+    Obstacle,
+    clearances,
+    cup_grasps,
+    jaw_grasps,
+    ranked,
+)
 from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, JawMeasures, Load
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget
@@ -468,15 +476,11 @@ class HandoverSearch:
         """Grasps with which the hand has room where the object will be set down."""
         world = self._world
         obstacles = obstacles_around(self._arm, self._object, goal.apply(self._middle))
-        free = set[int]()
-        roomy = set[int]()
-        for _, alike in poses_alike(world.declared_objects[self._object], goal):
-            order = ranked(grasps, alike, jaw, obstacles, lambda _: 0.0)
-            free |= {id(one.grasp) for one in order}
-            roomy |= {id(one.grasp) for one in order if one.clearance >= _GOAL_ROOM_M}
-        found = tuple(grasp for grasp in grasps if id(grasp) in free)
-        self._cramped = np.array([id(grasp) not in roomy for grasp in found], dtype=float)
-        return found
+        alike = [pose for _, pose in poses_alike(world.declared_objects[self._object], goal)]
+        rooms = clearances(grasps, alike, jaw, obstacles).max(axis=0)
+        is_free = rooms >= -TOUCHING
+        self._cramped = (rooms[is_free] < _GOAL_ROOM_M).astype(float)
+        return tuple(itertools.compress(grasps, is_free))
 
     def _cramped_where_it_stood(self, grasps: tuple[Grasp, ...], jaw: JawMeasures) -> Vector:
         """Whether the hand would have no room if the object stood as it did at first: 1, else 0.
