@@ -417,10 +417,14 @@ class LazyFrame(Frame):
 
     @cached_property
     def image(self) -> Image:
-        """Red, green, blue, of shape (height, width, 3), black outside ``region``."""
+        """Red, green, blue, of shape (height, width, 3), black outside ``region``; read-only.
+
+        All subscribers get the same array, and so does the record.
+        """
         image: Image = np.zeros((self.height, self.width, 3), np.uint8)
         if self.blocks.size:
             enter_blocks(image, self.region, self.stride, self.blocks)
+        image.flags.writeable = False
         return image
 
     @property

@@ -143,6 +143,21 @@ def test_subscriber_may_unsubscribe_while_it_is_called() -> None:
     assert len(other) == 2
 
 
+def test_no_subscriber_can_draw_into_the_image_of_the_others() -> None:
+    """The record has the same image, and a replay would find another one."""
+    stage = world()
+    (cam, _) = camera(resolution=(16, 16))
+    got: list[Frame] = []
+    cam.subscribe(got.append)
+    cam.capture(stage)
+    cam.deliver(1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        got[0].image[:] = 255
+    own = got[0].image.copy()
+    own[:] = 255
+    assert got[0].image.max() == 0
+
+
 def test_pose_of_a_frame_is_that_of_its_stamp() -> None:
     """mj_step leaves the body poses of before the step; a camera must not lag by a step."""
     stage = world()
