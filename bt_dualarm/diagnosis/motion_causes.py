@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -414,11 +414,21 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
     sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"
-    more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
+    is_told = "no closer to the target" in e.reason
+    more = f"; it stays {1e3 * short:.0f} mm away" if short and not is_told else ""
     remedy = "another orientation, or another base position"
     if e.leaf.kind == "place":
+        if not _is_oriented(e.ports.get("at")):  # `place` has tried all headings
+            sentence = f"{e.robot} cannot reach {what} with this grasp, in any heading: {e.reason}"
+            remedy = "another base position"
         remedy = f"grasp it otherwise: {_other_grasp(e)}; or {remedy}"
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
+
+
+def _is_oriented(pose: object) -> bool:
+    """Whether a pose of the ports, as they are recorded, has an orientation."""
+    notations = ("rpy", "quat", "look_at")
+    return isinstance(pose, Mapping) and any(pose.get(name) is not None for name in notations)
 
 
 def _viewpoint(e: Evidence, what: str, gap: float | None) -> Cause:

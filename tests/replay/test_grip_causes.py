@@ -119,7 +119,7 @@ def test_a_leaf_that_released_the_object_without_its_name(releases: str, tmp_pat
 
 _WALL = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
 WALLS = f"  north: {_WALL % -0.38}\n  south: {_WALL % -0.52}"
-BETWEEN = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
+BETWEEN = "place: {at: {xyz: [0.2, -0.45, 0.45], rpy: [0, 0, 0]}}"
 """Placing between these walls, where a hand has no room that holds the object from the side."""
 
 
@@ -142,8 +142,14 @@ def test_a_goal_out_of_reach_with_this_grasp_is_named_with_a_remedy(tmp_path: Pa
     """Held from above, it cannot be set down at the edge of the workspace, where it can be held."""
     cause = why(tmp_path, CUBE, f"[{GRASP}, place: {{at: {{xyz: [0.6, -0.7, 0.425]}}}}]")
     assert cause.kind == "OUT_OF_REACH"
-    assert cause.sentence.startswith("ur5 cannot reach (0.6, -0.7, 0.425) with this orientation")
+    sentence = "ur5 cannot reach (0.6, -0.7, 0.425) with this grasp, in any heading: the tool gets"
+    assert cause.sentence.startswith(sentence)
+    assert cause.sentence.count(" mm") == 1
     assert "`then_at`" in cause.remedy
+    assert "orientation" not in cause.remedy
+    given = "place: {at: {xyz: [0.6, -0.7, 0.425], rpy: [0, 0, 0]}}"
+    cause = why(tmp_path / "given", CUBE, f"[{GRASP}, {given}]")
+    assert cause.sentence.startswith("ur5 cannot reach (0.6, -0.7, 0.425) with this orientation")
 
 
 def test_a_hand_in_the_way_after_regrasp_needs_another_approach_of_it(tmp_path: Path) -> None:
