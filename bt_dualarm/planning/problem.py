@@ -63,6 +63,9 @@ _SAME_S = 1e-9
 _AT_REST_RAD_S = 1e-3
 """Velocity up to which a motion ends at rest, rad/s."""
 
+_BEYOND_RAD = 1e-6
+"""How far the spline of a path may exceed a position limit between its samples, rad."""
+
 _SAME_RAD = 1e-3
 """Difference of a position from what the velocities before make of it, rad: the trapezoids that
 are compared with it are off by less than a tenth of that."""
@@ -535,8 +538,9 @@ def refuse_infeasible(motion: Trajectory, robot: Robot, period: float) -> None:
         why = "its positions do not change by its velocities"
     if why:
         raise Failure("INVALID_TARGET", f"the arm cannot follow the motion: {why}")
-    for index in np.unique((q.argmin(axis=0), q.argmax(axis=0))):
-        refuse_beyond(robot.joints, q[index], robot.limits)
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper).max(axis=1)
+    if beyond.max() > _BEYOND_RAD:
+        refuse_beyond(robot.joints, q[int(beyond.argmax())], robot.limits)
 
 
 def _is_broken(q: Matrix, v: Matrix, period: float) -> bool:

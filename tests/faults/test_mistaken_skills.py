@@ -37,6 +37,7 @@ REASONS = {
     "no numbers": ("INVALID_TARGET", "set-points that are not numbers"),
     "a jump": ("INVALID_TARGET", "positions do not change by its velocities"),
     "no rest": ("INVALID_TARGET", "instead of at rest"),
+    "beyond a limit": ("JOINT_LIMIT", "panda_joint1 would be"),
     "too fast": ("INVALID_TARGET", "exceeds the velocity, acceleration or jerk limits"),
 }
 

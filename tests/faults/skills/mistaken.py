@@ -50,6 +50,17 @@ def jumped(arm: Arm) -> Any:
     return q
 
 
+def bending(arm: Arm) -> Iterator[float | None]:
+    start = arm.setpoint.q
+    share = np.linspace(0.0, 1.0, 2000)[:, None]
+    smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    step = np.zeros_like(start)
+    step[0] = 4.0
+    q = start + smooth * step
+    v = np.gradient(q, arm.period, axis=0)
+    yield from arm.follow(Trajectory(arm.period, q, v, np.gradient(v, arm.period, axis=0)))
+
+
 def checked(arm: Arm) -> Iterator[float | None]:
     arm.refuse_collision(np.zeros(2))
     yield None
@@ -76,6 +87,7 @@ MISTAKES: dict[str, Callable[[Arm], Iterator[float | None]]] = {
     "no numbers": following(v=lambda arm: np.full((125, arm.robot.dof), np.nan)),
     "a jump": following(q=jumped),
     "no rest": following(v=lambda arm: np.full((125, arm.robot.dof), 0.1)),
+    "beyond a limit": bending,
     "too fast": following(a=lambda arm: np.full((125, arm.robot.dof), 1e4)),
 }
 
