@@ -1,11 +1,15 @@
 """Random tasks that succeed, and what may happen to them.
 
-    python -m benchmarks.random_tasks {plain,halts,faults} [--tasks 60] [--seed 0]
+    python -m benchmarks.random_tasks {plain,halts,faults} [--tasks 60] [--seed 0] [--kinds ...]
 
 Picks, paths, searches by sight, tracking, handovers and carries of two arms, drawers, insertions,
 arms that share a zone and meet, towers, boxes that are turned over, doors and lids, contacts, bins
 that are filled and carried, and sorting by color, with random robots, objects, places and
-realities. ``plain`` runs them as they are: some are out of reach.
+realities. `benchmarks.further_tasks` has more: pins that go into a hole which another arm holds,
+regrasps, relays of three or four arms, joints with springs, inspections by loops and conditions,
+and paths of all kinds. ``--kinds`` chooses among them, and ``--write N`` prints the tree of one.
+
+``plain`` runs them as they are: some are out of reach.
 
 ``halts``: each leaf is halted once or twice after a random time, and then started again. All tasks
 that succeed without that still have to, with everything where it belongs.
@@ -20,127 +24,43 @@ Prints a line for each task, and the counts.
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+import yaml
 
 import bt_dualarm
 from benchmarks.campaign import Campaign, add_options
+from benchmarks.further_tasks import FURTHER_TASKS
 from benchmarks.random_programs import Dice
-from benchmarks.why_mistake import Tree, box, shipped
+from benchmarks.task_parts import (
+    DOWN,
+    REACH,
+    Task,
+    armed,
+    around,
+    file_of,
+    gripper_of,
+    stand,
+    stands,
+)
+from benchmarks.why_mistake import Tree, shipped
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sweeps.calls import SKIPPED
 
-_REACH: Final[Mapping[str, float]] = {
-    "ur3e": 0.50,
-    "ur5": 0.85,
-    "ur5e": 0.85,
-    "ur10": 1.30,
-    "ur10e": 1.30,
-    "panda": 0.80,
-    "fr3": 0.80,
-    "xarm7": 0.70,
-    "jaco2": 0.65,
-    "tiago": 0.75,
-}
-"""Robots of the family, and how far from its base each can grasp from above, m."""
-
-DOWN: Final = (180, 0, 0)
-
-
-@dataclass
-class Task:
-    """A tree that succeeds, and what a fault may change in it.
-
-    Attributes:
-        tree: The tree.
-        leaves: Leaves of the arm that fails, in order, each a mapping from the name of its skill.
-        arm: Name of that arm.
-        partner: Name of the other arm; empty if there is none.
-        object: Name of the object that it works with; empty if there is none.
-        goal: Where the object or the tool is to be at the end, m.
-        reach: How far from the base the arm can grasp, m.
-        duration: Longest simulated time of a run, s.
-        goals: Goals of the file, which a referee judges.
-    """
-
-    tree: Tree
-    leaves: list[Tree]
-    arm: str = "arm1"
-    partner: str = ""
-    object: str = ""
-    goal: Sequence[float] = (0.0, 0.0, 0.0)
-    reach: float = 0.8
-    duration: float = 40.0
-    goals: Tree = field(default_factory=dict)
-
-    def ports(self, skill: str) -> Tree:
-        """Ports of the first leaf of a skill."""
-        return next(leaf[skill] for leaf in self.leaves if skill in leaf)
-
-    def index(self, skill: str) -> int:
-        """Position of the first leaf of a skill."""
-        return next(i for i, leaf in enumerate(self.leaves) if skill in leaf)
-
-    def has(self, skill: str) -> bool:
-        """Whether the failing arm has a leaf of a skill."""
-        return any(skill in leaf for leaf in self.leaves)
-
-    def finish(self) -> Tree:
-        """The tree with its leaves."""
-        self.tree["arms"][self.arm]["tree"] = {"sequence": self.leaves}
-        return self.tree
-
-    def add_arm(self, name: str, robot: str, xyz: Sequence[float], *leaves: Tree) -> None:
-        """Add an arm with a sequence of leaves."""
-        base = {"xyz": [*xyz]}
-        self.tree["arms"][name] = {"robot": robot, "base": base, "tree": {"sequence": [*leaves]}}
-
-
-def _file(dice: Dice, objects: Tree, arms: Tree) -> Tree:
-    world = {"scene": "empty", "reality": dice.one(["ideal", "lab", "rough"])}
-    return {"bt_dualarm": 1, "name": "generated", "world": world, "objects": objects, "arms": arms}
-
-
-def _gripper_of(robot: str) -> str:
-    return "panda_hand" if robot in ("panda", "fr3") else "robotiq_2f85"
-
-
-def _arm(dice: Dice, robots: Sequence[str], **more: Any) -> tuple[Tree, float]:
-    """An arm with fingers, and how far from its base it can grasp, m."""
-    robot = dice.one(robots)
-    arm = {"robot": robot, "gripper": _gripper_of(robot), "base": {"xyz": [0, 0, 0]}}
-    return arm | more, _REACH[robot]
-
-
-def _around(radius: float, angle: float, z: float) -> list[float]:
-    x, y = radius * np.cos(angle), radius * np.sin(angle)
-    return [round(float(x), 3), round(float(y), 3), round(z, 4)]
-
-
-def _stand(at: Sequence[float], size: float = 0.12) -> Tree:
-    """A fixed stand below a position."""
-    height = round(at[2], 4)
-    return box((size, size, height), (at[0], at[1], round(height / 2, 4)))
-
-
-def _stands(name: str, at: Sequence[float], within: float = 0.01) -> Tree:
-    """A goal: an object stands at a position, and nobody holds it."""
-    return {name: {"object": name, "at": {"xyz": [*at]}, "within": within, "held": False}}
-
 
 def _picks(dice: Dice) -> Task:
     """An arm picks a box or a cylinder from a stand, and places it on another one."""
-    arm, reach = _arm(dice, list(_REACH))
+    arm, reach = armed(dice, list(REACH))
     angle = dice.number(-1.2, 1.2)
     width = dice.number(0.03, 0.05)
     height = dice.number(0.04, 0.08)
     top = dice.number(0.15, 0.3)
-    begin = _around(dice.number(0.6, 0.75) * reach, angle, top)
-    goal = _around(dice.number(0.6, 0.75) * reach, angle + dice.number(0.6, 1.2), top)
+    begin = around(dice.number(0.6, 0.75) * reach, angle, top)
+    goal = around(dice.number(0.6, 0.75) * reach, angle + dice.number(0.6, 1.2), top)
     upright = dice.one(["box", "cylinder"])
     size = [width, width, height] if upright == "box" else [width / 2, height]
     name = dice.one(["part", "can", "brick", "workpiece"])
@@ -148,26 +68,26 @@ def _picks(dice: Dice) -> Task:
     lifted = round(top + height / 2 + 0.0005, 4)
     thing = {"shape": upright, "size": size, "mass": mass, "color": dice.one(["red", "blue"])}
     thing["pose"] = {"xyz": [*begin[:2], lifted]}
-    objects = {"from": _stand(begin), "onto": _stand(goal), name: thing}
+    objects = {"from": stand(begin), "onto": stand(goal), name: thing}
     place = [*goal[:2], lifted]
     above = [*goal[:2], lifted + 0.12]
-    tree = _file(dice, objects, {"arm1": arm})
+    tree = file_of(dice, objects, {"arm1": arm})
     leaves: list[Tree] = [
         {"grasp": {"object": name}},
         {"transport": {"object": name, "to": {"xyz": above}}},
         {"place": {"object": name, "at": {"xyz": place}}},
         {"go_home": {}},
     ]
-    goals = _stands(name, place)
+    goals = stands(name, place)
     return Task(tree, leaves, object=name, goal=place, reach=reach, goals=goals)
 
 
 def _paths(dice: Dice) -> Task:
     """An arm moves to a pose and along a curve."""
-    robot = dice.one(list(_REACH))
-    reach = _REACH[robot]
+    robot = dice.one(list(REACH))
+    reach = REACH[robot]
     angle = dice.number(-1.2, 1.2)
-    goal = _around(dice.number(0.55, 0.7) * reach, angle, dice.number(0.4, 0.6) * reach)
+    goal = around(dice.number(0.55, 0.7) * reach, angle, dice.number(0.4, 0.6) * reach)
     plane = dice.one(["xy", "xz", "yz"])
     curve = dice.one(
         [
@@ -179,7 +99,7 @@ def _paths(dice: Dice) -> Task:
     pose = {"xyz": goal, "rpy": [*DOWN]}
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0]}}
     leaves: list[Tree] = [{"reach_to_pose": {"to": pose}}, curve, {"go_home": {}}]
-    return Task(_file(dice, {}, {"arm1": arm}), leaves, goal=goal, reach=reach, duration=30.0)
+    return Task(file_of(dice, {}, {"arm1": arm}), leaves, goal=goal, reach=reach, duration=30.0)
 
 
 def _tracks(dice: Dice) -> Task:
@@ -216,7 +136,7 @@ def _handovers(dice: Dice) -> Task:
     taker = dice.one(["panda", "fr3", "xarm7", "ur5e"])
     for name, robot in (("arm1", giver), ("arm2", taker)):
         tree["arms"][name]["robot"] = robot
-        tree["arms"][name]["gripper"] = _gripper_of(robot)
+        tree["arms"][name]["gripper"] = gripper_of(robot)
     leaves: list[Tree] = [
         {"grasp": {"object": "bar"}},
         {"hand_over": {"object": "bar", "to": "arm2"}},
@@ -261,7 +181,7 @@ def _searches(dice: Dice) -> Task:
     for i, leaf in enumerate(leaves):
         if "retry" in leaf:
             leaves[i] = leaf["retry"]["child"]
-    goals = _stands("cube", (0.20, -0.40, 0.425))
+    goals = stands("cube", (0.20, -0.40, 0.425))
     return Task(tree, leaves, object="cube", goal=at, duration=60.0, goals=goals)
 
 
@@ -282,7 +202,7 @@ def _insertions(dice: Dice) -> Task:
     tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
     leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
     at = (0.30, -0.48, 0.44)
-    goals = _stands("peg", at, within=0.004)
+    goals = stands("peg", at, within=0.004)
     return Task(tree, leaves, object="peg", goal=at, duration=260.0, goals=goals)
 
 
@@ -306,25 +226,25 @@ def _meetings(dice: Dice) -> Task:
     leaves = fill("red", [0.40, 0.05, 0.24])
     tree["arms"]["arm2"]["tree"] = {"sequence": fill("green", [0.58, 0.05, 0.24])}
     at = (0.4, 0.05, 0.24)
-    goals = _stands("red", at, 0.012) | _stands("green", (0.58, 0.05, 0.24), 0.012)
+    goals = stands("red", at, 0.012) | stands("green", (0.58, 0.05, 0.24), 0.012)
     return Task(tree, leaves, partner="arm2", object="red", goal=at, duration=60.0, goals=goals)
 
 
 def _towers(dice: Dice) -> Task:
     """An arm builds a tower of three boxes, each where the one below stands."""
-    arm, reach = _arm(dice, list(_REACH))
+    arm, reach = armed(dice, list(REACH))
     angle = dice.number(-1.2, 1.2)
     top = dice.number(0.1, 0.25)
     width = dice.number(0.035, 0.05)
-    site = _around(dice.number(0.6, 0.7) * reach, angle, top)
-    objects: Tree = {"site": _stand(site, 0.16)}
+    site = around(dice.number(0.6, 0.7) * reach, angle, top)
+    objects: Tree = {"site": stand(site, 0.16)}
     leaves: list[Tree] = []
     below = "site"
     goals: Tree = {}
     for i, name in enumerate(("first", "second", "third")[: dice.count(2, 3)]):
-        at = _around(dice.number(0.6, 0.75) * reach, angle + 0.55 * (i + 1), top)
+        at = around(dice.number(0.6, 0.75) * reach, angle + 0.55 * (i + 1), top)
         height = dice.number(0.03, 0.05)
-        objects[f"stand{i}"] = _stand(at, 0.1)
+        objects[f"stand{i}"] = stand(at, 0.1)
         objects[name] = {
             "shape": "box",
             "size": [width, width, height],
@@ -339,21 +259,21 @@ def _towers(dice: Dice) -> Task:
         goals[name] = {"object": name, "on": below, "tilt": 3, "held": False, "lasting": 0.5}
         below = name
     leaves.append({"go_home": {}})
-    tree = _file(dice, objects, {"arm1": arm})
+    tree = file_of(dice, objects, {"arm1": arm})
     return Task(tree, leaves, object="first", goal=site, reach=reach, duration=120.0, goals=goals)
 
 
 def _regrasps(dice: Dice) -> Task:
     """An arm turns a box over: it stands on another side at the end."""
-    arm, reach = _arm(dice, list(_REACH))
+    arm, reach = armed(dice, list(REACH))
     angle = dice.number(-1.0, 1.0)
     top = dice.number(0.15, 0.25)
     size = [dice.number(0.03, 0.045), dice.number(0.03, 0.045), dice.number(0.07, 0.1)]
-    begin = _around(dice.number(0.6, 0.7) * reach, angle, top)
-    goal = _around(dice.number(0.6, 0.7) * reach, angle + 0.8, top)
+    begin = around(dice.number(0.6, 0.7) * reach, angle, top)
+    goal = around(dice.number(0.6, 0.7) * reach, angle + 0.8, top)
     turned = dice.one([[90, 0, 0], [0, 90, 0], [-90, 0, 0], [0, -90, 0], [180, 0, 0]])
     height = {90: size[1], -90: size[1]}.get(turned[0], size[0] if turned[1] else size[2])
-    objects: Tree = {"from": _stand(begin, 0.2), "onto": _stand(goal, 0.2)}
+    objects: Tree = {"from": stand(begin, 0.2), "onto": stand(goal, 0.2)}
     lifted = round(top + size[2] / 2 + 0.0005, 4)
     objects["block"] = {
         "shape": "box",
@@ -377,16 +297,16 @@ def _regrasps(dice: Dice) -> Task:
             *leaves,
         ]
     goals = {"turned": {"object": "block", "at": then, "within": 0.01, "angle": 5, "held": False}}
-    tree = _file(dice, objects, {"arm1": arm})
+    tree = file_of(dice, objects, {"arm1": arm})
     return Task(tree, leaves, object="block", goal=place, reach=reach, duration=90.0, goals=goals)
 
 
 def _doors(dice: Dice) -> Task:
     """An arm opens a door, lid or drawer by its handle, and shuts it."""
-    arm, reach = _arm(dice, ["ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7"])
+    arm, reach = armed(dice, ["ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7"])
     angle = dice.number(-1.0, 1.0)
     kind = dice.one(["door", "lid", "drawer"])
-    at = _around(dice.number(0.75, 0.9) * reach, angle, dice.number(0.3, 0.5))
+    at = around(dice.number(0.75, 0.9) * reach, angle, dice.number(0.3, 0.5))
     yaw = round(float(np.degrees(angle)) + dice.number(-20, 20), 1)
     side = dice.one([1, -1])
     parts: Tree = {"body": {"shape": "box", "size": [0.1, 0.26, 0.2]}}
@@ -472,18 +392,18 @@ def _doors(dice: Dice) -> Task:
         {"release": {}},
         {"go_home": {}},
     ]
-    tree = _file(dice, {"chest": fixture}, {"arm1": arm})
+    tree = file_of(dice, {"chest": fixture}, {"arm1": arm})
     goals = {"shut": of | {"between": [-tolerance, tolerance]}}
     return Task(tree, leaves, object="chest", goal=at, reach=reach, duration=90.0, goals=goals)
 
 
 def _contacts(dice: Dice) -> Task:
     """An arm finds a surface by touch and follows a path above it."""
-    robot = dice.one(list(_REACH))
-    reach = _REACH[robot]
+    robot = dice.one(list(REACH))
+    reach = REACH[robot]
     angle = dice.number(-1.2, 1.2)
     top = dice.number(0.1, 0.3)
-    board = _around(dice.number(0.55, 0.7) * reach, angle, top)
+    board = around(dice.number(0.55, 0.7) * reach, angle, top)
     above = [*board[:2], round(top + dice.number(0.05, 0.1), 3)]
     size = dice.number(30, 60, 0)
     path: Tree = dice.one(
@@ -506,24 +426,24 @@ def _contacts(dice: Dice) -> Task:
         path,
         {"go_home": {}},
     ]
-    tree = _file(dice, {"board": _stand(board, 0.25)}, {"arm1": {"robot": robot}})
+    tree = file_of(dice, {"board": stand(board, 0.25)}, {"arm1": {"robot": robot}})
     return Task(tree, leaves, goal=above, reach=reach, duration=60.0)
 
 
 def _trays(dice: Dice) -> Task:
     """An arm puts a cube into a bin, and carries the bin away."""
-    arm, reach = _arm(dice, list(_REACH))
+    arm, reach = armed(dice, list(REACH))
     angle = dice.number(-1.0, 1.0)
     top = dice.number(0.1, 0.25)
     size = [dice.number(0.09, 0.12), dice.number(0.06, 0.075), 0.04]
-    begin = _around(dice.number(0.6, 0.7) * reach, angle, top)
-    middle = _around(dice.number(0.6, 0.7) * reach, angle + 0.7, top)
-    goal = _around(dice.number(0.6, 0.7) * reach, angle + 1.4, top)
+    begin = around(dice.number(0.6, 0.7) * reach, angle, top)
+    middle = around(dice.number(0.6, 0.7) * reach, angle + 0.7, top)
+    goal = around(dice.number(0.6, 0.7) * reach, angle + 1.4, top)
     cube = dice.number(0.025, 0.035)
     objects: Tree = {
-        "from": _stand(begin, 0.1),
-        "site": _stand(middle, 0.16),
-        "onto": _stand(goal, 0.16),
+        "from": stand(begin, 0.1),
+        "site": stand(middle, 0.16),
+        "onto": stand(goal, 0.16),
         "cube": {
             "shape": "box",
             "size": [cube] * 3,
@@ -548,18 +468,18 @@ def _trays(dice: Dice) -> Task:
         {"place": {"at": {"xyz": at}}},
         {"go_home": {}},
     ]
-    goals = _stands("crate", at) | {"inside": {"object": "cube", "on": "crate"}}
-    tree = _file(dice, objects, {"arm1": arm})
+    goals = stands("crate", at) | {"inside": {"object": "cube", "on": "crate"}}
+    tree = file_of(dice, objects, {"arm1": arm})
     return Task(tree, leaves, object="cube", goal=at, reach=reach, duration=90.0, goals=goals)
 
 
 def _sorts(dice: Dice) -> Task:
     """An arm finds objects by their color and puts each beside a mark, in a loop over a subtree."""
-    arm, reach = _arm(dice, ["ur5", "ur5e", "panda", "fr3", "xarm7", "ur10e"], camera={})
+    arm, reach = armed(dice, ["ur5", "ur5e", "panda", "fr3", "xarm7", "ur10e"], camera={})
     angle = dice.number(-0.8, 0.8)
     top = dice.number(0.15, 0.25)
-    middle = _around(0.65 * reach, angle, top)
-    objects: Tree = {"bench": _stand(middle, 0.5)}
+    middle = around(0.65 * reach, angle, top)
+    objects: Tree = {"bench": stand(middle, 0.5)}
     colors = dice.order(["red", "green", "blue", "orange"])[: dice.count(1, 3)]
     cube = dice.number(0.03, 0.045)
     z = round(top + cube / 2 + 0.0005, 4)
@@ -576,7 +496,7 @@ def _sorts(dice: Dice) -> Task:
             "noise": {"xyz": [0.015, 0.02, 0], "yaw": 45},
         }
         spots.append([round(x, 3), round(middle[1] + 0.12, 3), z])
-        goals |= _stands(color, spots[-1], 0.012)
+        goals |= stands(color, spots[-1], 0.012)
     look = {"center": [*middle[:2], z], "width": 0.25, "depth": 0.15}
     body: list[Tree] = [
         {"scan": {"object": "{thing}", **look}},
@@ -584,7 +504,7 @@ def _sorts(dice: Dice) -> Task:
         {"grasp": {"object": "{thing}", "at": "{where}"}},
         {"place": {"at": {"xyz": "{to}"}}},
     ]
-    tree = _file(dice, objects, {"arm1": arm})
+    tree = file_of(dice, objects, {"arm1": arm})
     tree["subtrees"] = {
         "put": {
             "params": {"thing": {"type": "object"}, "to": {"type": "vector"}},
@@ -601,7 +521,7 @@ def _sorts(dice: Dice) -> Task:
     )
 
 
-TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
+FIRST_TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
     "pick": _picks,
     "path": _paths,
     "track": _tracks,
@@ -618,32 +538,52 @@ TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
     "tray": _trays,
     "sort": _sorts,
 }
+TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {**FIRST_TASKS, **FURTHER_TASKS}
 
 
 # What may happen to them: halts and faults.
 
 
+NOT_HALTED: Final = frozenset(
+    {"meet", "claim", "signal", "await", "parallel", "for_each", "while", "repeat", "set"}
+)
+"""Nodes that are not halted: others count on them, or they would begin to count anew."""
+
+JOINT_SKILLS: Final = ("hand_over", "take_over", "carry_together")
+
+
 def halted(task: Task, dice: Dice) -> None:
     """Halt each leaf once or twice after a random time, and start it again."""
-    is_joint = any(task.has(skill) for skill in ("hand_over", "carry_together"))
-    for i, given in enumerate(task.leaves):
+    is_joint = any(task.has(skill) for skill in JOINT_SKILLS)
+    _halt(task.leaves, dice, is_joint=is_joint)
+    for name in task.halted:
+        parent = task.tree["arms"].get(name) or task.tree["subtrees"][name]
+        _halt(parent["tree"]["sequence"], dice, is_joint=is_joint)
+    for name, arm in task.tree["arms"].items():
+        if is_joint and name not in (task.arm, *task.halted):
+            arm["tree"] = {
+                "sequence": [
+                    {"retry": {"times": 6, "child": leaf}} for leaf in arm["tree"]["sequence"]
+                ]
+            }
+
+
+def _halt(leaves: list[Tree], dice: Dice, *, is_joint: bool) -> None:
+    for i, given in enumerate(leaves):
         leaf = {given: {}} if isinstance(given, str) else given
-        if set(leaf) & {"meet", "claim"}:
+        inner = leaf.get("claim", {}).get("child", {}).get("sequence")
+        if inner and "zone" in leaf["claim"] and leaf["claim"]["zone"] != "tray":
+            _halt(inner, dice, is_joint=is_joint)
+        if set(leaf) & NOT_HALTED:
             continue
         halts = [
             {"timeout": {"seconds": dice.number(0.05, 3.0, 2), "child": leaf}}
             for _ in range(dice.count(1, 2))
         ]
         # The partner may still be giving up what was halted.
-        last = {"retry": {"times": 2, "child": leaf}} if is_joint else leaf
-        task.leaves[i] = {"selector": [*halts, last]}
-    for name, arm in task.tree["arms"].items():
-        if is_joint and name != task.arm:
-            arm["tree"] = {
-                "sequence": [
-                    {"retry": {"times": 6, "child": leaf}} for leaf in arm["tree"]["sequence"]
-                ]
-            }
+        times = 2 if set(leaf) & {"grasp", "hand_over", "carry_together"} else 6
+        last = {"retry": {"times": times, "child": leaf}} if is_joint else leaf
+        leaves[i] = {"selector": [*halts, last]}
 
 
 JOINT_FAULTS: Final = (
@@ -704,10 +644,10 @@ CHANGES: Final[Mapping[str, Callable[[Task, Dice], None]]] = {
 }
 
 
-def evaluate(change: str, number: int, seed: int) -> dict[str, Any]:
-    """Run a task that was changed, and judge it."""
+def written(change: str, number: int, seed: int, kinds: Sequence[str]) -> tuple[Task, Tree, str]:
+    """A task that was changed, its tree, and what to call it."""
     dice = Dice(100_000 * seed + number)
-    name = dice.one(list(TASKS))
+    name = dice.one(kinds)
     task = TASKS[name](dice)
     robots = "+".join(str(arm["robot"]) for arm in task.tree["arms"].values())
     what = f"{number} {name} {robots} {task.tree['world']['reality']}"
@@ -716,6 +656,13 @@ def evaluate(change: str, number: int, seed: int) -> dict[str, Any]:
     tree["goal"] = task.goals or None
     tree = {key: value for key, value in tree.items() if value}
     tree["world"]["time_limit"] = 240
+    copied: Tree = json.loads(json.dumps(tree))  # else YAML would name what is used twice
+    return task, copied, what
+
+
+def evaluate(change: str, number: int, seed: int, kinds: Sequence[str]) -> dict[str, Any]:
+    """Run a task that was changed, and judge it."""
+    task, tree, what = written(change, number, seed, kinds)
     try:
         result = bt_dualarm.run(tree)
     except DualArmError as error:
@@ -734,7 +681,7 @@ def evaluate(change: str, number: int, seed: int) -> dict[str, Any]:
     missed = [goal.reason for goal in result.goals.values() if not goal.met]
     why = "" if is_good else "; ".join([*failed[-2:], *missed])
     is_halted = change == "halts" and not is_good
-    if is_halted and evaluate("plain", number, seed)["outcome"] != "SUCCESS":
+    if is_halted and evaluate("plain", number, seed, kinds)["outcome"] != "SUCCESS":
         return {"outcome": SKIPPED, "line": f"--  {what}: fails without halts: {why}"}
     line = f"{'yes' if is_good else 'NO '} {what}: {result.outcome} {why}".rstrip()
     code = "FALSE_SUCCESS" if is_false else "" if is_good else "FAILED"
@@ -747,12 +694,23 @@ def main() -> None:
     parser.add_argument("change", choices=list(CHANGES))
     parser.add_argument("--tasks", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="+", choices=list(TASKS), default=list(TASKS))
+    parser.add_argument("--write", type=int, help="print the tree of one task; run nothing")
     add_options(parser)
     options = parser.parse_args()
+    if options.write is not None:
+        _, tree, _ = written(options.change, options.write, options.seed, options.kinds)
+        print(yaml.safe_dump(tree, sort_keys=False, default_flow_style=None))
+        return
     good = counted = 0
     with Campaign(options) as campaign:
         cases = [
-            {"change": options.change, "number": number, "seed": options.seed}
+            {
+                "change": options.change,
+                "number": number,
+                "seed": options.seed,
+                "kinds": options.kinds,
+            }
             for number in range(options.tasks)
         ]
         for _, found in campaign.run(evaluate, cases):

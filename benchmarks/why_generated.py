@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from benchmarks.random_programs import Dice
-from benchmarks.random_tasks import DOWN, TASKS, Task
+from benchmarks.random_tasks import FIRST_TASKS as TASKS
+from benchmarks.task_parts import DOWN, Task
 from benchmarks.why_mistake import Mistake, Tree, box
 from bt_dualarm.robots.robot_description import load_robot
 
