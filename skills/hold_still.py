@@ -12,6 +12,7 @@ from bt_dualarm import (
     CellWait,
     Duration,
     Failure,
+    Grip,
     OtherArmName,
     PortModel,
     Skill,
@@ -47,6 +48,14 @@ class HoldStill(Skill):
             "arm that may touch what this arm holds, with its hand and with what it holds; that "
             "arm's skill has to name the object as well",
         )
+        push: float = port(
+            12.0,
+            "contact force of `partner` that the grip withstands; by default that with which "
+            "`insert` pushes",
+            unit="N",
+            ge=0,
+            le=200,
+        )
         duration: Duration | None = port(None, "time after which it succeeds", gt=0)
         max_displacement: float = port(
             0.02, "largest distance of the tool from its pose", unit="m", ge=1e-4, le=0.5
@@ -71,6 +80,9 @@ class HoldStill(Skill):
         with ExitStack() as shared:
             for obj in arm.held if partner is not None else ():
                 shared.enter_context(shared_grasp(arm, str(partner), obj, HANDS_APART_M))
+            # What the weight needs does not withstand the partner: a light object slid by 2 mm.
+            for held in arm.world.attachments.gripped_by(arm.name) if partner is not None else ():
+                Grip(arm, held.object).firm_for(self.ports.push)
             wait = None if partner is None else self._depend(partner, shared)
             yield from self._hold(wait)
         ended = self.time

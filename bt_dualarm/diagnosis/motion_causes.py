@@ -73,7 +73,7 @@ def _nothing_there(e: Evidence) -> Cause:
     if "distance_m" not in e.numbers:  # the distance follows from a pose
         remedy = "another `at`, `depth` or `direction`"
         if "push" in e.ports:
-            remedy += "; or a stiffer hold of the hole"
+            remedy += "; or a stiffer or firmer hold of the hole"
         return e.cause("NOTHING_THERE", e.reason, remedy)
     distance = 1e3 * float(e.numbers["distance_m"])
     sentence = f"there was nothing to touch within {distance:.0f} mm"
