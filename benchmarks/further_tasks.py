@@ -597,8 +597,10 @@ def _motions(dice: Dice) -> Task:
     here: Tree = {"arm_at": {"at": pose, "within": 0.004, "angle": 1.5}}
     leaves.append(here)
     for _ in range(dice.count(2, 4)):
-        leaves += _motion(dice, pose)
-        leaves.append(here)
+        # A path that was halted begins anew where it was to begin.
+        path, *back = _motion(dice, pose)
+        leaves.append({"sequence": [{"reach_to_pose": {"to": pose}}, path]})
+        leaves += [*back, here]
     if carries:
         leaves.append({"place": {"at": {"xyz": at, "rpy": [0, 0, 0]}}})
     leaves.append({"go_home": {}})

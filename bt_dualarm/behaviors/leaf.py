@@ -540,7 +540,11 @@ class Compare(LanguageLeaf):
 
 
 class Test(LanguageLeaf):
-    """Succeeds if an expression is true."""
+    """Succeeds if an expression is true.
+
+    Attributes:
+        worded: Function that returns the expression, and the same with values in place of keys.
+    """
 
     __test__ = False  # otherwise pytest takes the class for a test
 
@@ -557,6 +561,7 @@ class Test(LanguageLeaf):
         example="test: true",
     )
     ports: Ports
+    worded: Callable[[], tuple[str, str]] = staticmethod(lambda: ("", ""))
 
     def run(self) -> Iterator[None]:
         """Fail if the value of the expression is false.
@@ -565,7 +570,9 @@ class Test(LanguageLeaf):
             Failure: ``FALSE``: it is false.
         """
         if not self.ports.expression:
-            raise Failure("FALSE", "the expression is false")
+            text, values = self.worded()
+            what = f"{text or 'the expression'} is false"
+            raise Failure("FALSE", f"{what}: {values}" if values else what)
         yield from ()
 
 

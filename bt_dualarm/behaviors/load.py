@@ -21,7 +21,7 @@ from bt_dualarm.behaviors.composites import Guard, Until, While
 from bt_dualarm.behaviors.decorators import Timeout
 from bt_dualarm.behaviors.faults import FaultInjector
 from bt_dualarm.behaviors.language import LANGUAGE, LEAF_CLASSES, PARENT_CLASSES
-from bt_dualarm.behaviors.leaf import FirstTick, LanguageLeaf, Leaf, Succeed
+from bt_dualarm.behaviors.leaf import FirstTick, LanguageLeaf, Leaf, Succeed, Test
 from bt_dualarm.behaviors.node import (
     NAMES,
     Blackboard,
@@ -772,6 +772,8 @@ class _Builder:
             made.relative_to = resolved.names
             if isinstance(made, LanguageLeaf) and first.time is not None:
                 made.first_tick = first.time
+            if isinstance(made, Test):
+                made.worded = partial(bound.worded, "expression")
             return made if inject is None else inject(made)
 
         return Leaf(spec.name, begin, context.arm, self.reports, first)

@@ -16,13 +16,14 @@ from bt_dualarm.behaviors.report import StatusChange, StatusName
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.explain import explain, valid_in_units
-from bt_dualarm.spec.expressions import ExpressionError, resolved
+from bt_dualarm.spec.expressions import ExpressionError, parse, resolved, substituted
 from bt_dualarm.spec.node_types import (
     REFERENCE,
     LanguageNode,
     PortModel,
     as_text,
     dynamic_ports,
+    is_expression,
     key_name,
     only,
     port,
@@ -111,6 +112,21 @@ class BoundPorts:
             raise Failure(
                 "NO_VALUE", f"a key has a value that is not allowed: {found.message}"
             ) from error
+
+    def worded(self, name: str) -> tuple[str, str]:
+        """Returns a port's expression as its author wrote it, and with values in place of keys.
+
+        Either is empty if there is none: a constant, or a value that has no notation.
+        """
+        text = self._ports[name]
+        if name not in self._references or not isinstance(text, str):
+            return "", ""
+        if not is_expression(text):
+            return shown(text), ""
+        try:
+            return shown(text), substituted(parse(text), self._blackboard.read)
+        except ExpressionError:
+            return shown(text), ""
 
 
 class OutputWriter:

@@ -166,6 +166,9 @@ def _is_within(change: Change, began: Change, end: Change) -> bool:
 LOOK_BACK_S: Final = 1.0
 """Seconds before the end of a leaf that are reported."""
 
+COMPARING_LEAVES: Final = ("compare", "test")
+"""Node types that judge keys, which what ran before has written."""
+
 _MOST_SCENES: Final = 64
 """Scenes cached for rules that use the same times."""
 
@@ -282,6 +285,28 @@ class Evidence:
                 last = written[-1] if written else {"value": None, "leaf": None, "time_s": None}
                 found.append({"key": key, "port": port, **_only(last, "value", "leaf", "time_s")})
         return found
+
+    @property
+    def decided_before(self) -> Evidence | None:
+        """The leaf that ended last before this one began, if it failed: it may end a loop."""
+        own_end = self.root_cause.end
+        if own_end is None:
+            return None
+        began = self.leaf.begun(own_end).index
+        ends = [
+            (change.index, leaf, change)
+            for leaf in self.timeline.leaves()
+            if leaf.arm == self.arm
+            for change in leaf.changes
+            if change.new in ("SUCCESS", "FAILURE") and change.index < began
+        ]
+        if not ends:
+            return None
+        _, leaf, end = max(ends, key=lambda found: found[0])
+        if end.new == "SUCCESS":
+            return None
+        chain = chain_of(self.timeline.roots[self.arm], leaf)
+        return Evidence(self.record, self.timeline, RootCause(chain, end))
 
     def notes(self, kind: str, *, since: float = 0.0, until: float | None = None) -> list[Facts]:
         """Trace events of its arm of one kind between two times in s, in order."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from bt_dualarm.diagnosis.evidence import Cause, Evidence
+from bt_dualarm.diagnosis.evidence import COMPARING_LEAVES, Cause, Evidence
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.spec.faults import CAMERA_FAULTS, KINDS, AbsentPartner, NoPlan
 
@@ -59,7 +59,14 @@ def injected_causes(e: Evidence) -> Iterator[Cause]:
     its arm, its camera if it took images, an object that it names or holds, the planner if no path
     was found, the partner if it waited. So does one that was over by then, but has moved such an
     object, which has lain where it came to rest ever since.
+
+    What compares keys depends on what ended before, such as a loop whose condition no longer held.
     """
+    before = e.decided_before if e.leaf.kind in COMPARING_LEAVES else None
+    if before is not None:
+        what = f"{before.leaf.path!r} had failed at {before.ended:.2f} s"
+        for cause in injected_causes(before):
+            yield replace(cause, sentence=f"{cause.sentence}; {what}")
     found = [
         one
         for one in _injected(e.record)

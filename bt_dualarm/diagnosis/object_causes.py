@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.diagnosis.evidence import Cause, Evidence
+from bt_dualarm.diagnosis.evidence import COMPARING_LEAVES, Cause, Evidence
 from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.timeline import CameraSight, Change, Scene, TimelineNode, held_over_time
 from bt_dualarm.robots.gripper import Gripper, load_gripper
@@ -28,7 +28,7 @@ def blackboard_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes in the value of a key and its writer."""
     if e.code == "NO_VALUE":
         yield from _without_value(e)
-    elif e.leaf.kind == "compare" and e.code in ("FALSE", "NOT_COMPARABLE"):
+    elif e.leaf.kind in COMPARING_LEAVES and e.code in ("FALSE", "NOT_COMPARABLE"):
         yield _condition(e)
 
 

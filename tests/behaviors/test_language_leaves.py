@@ -48,6 +48,24 @@ def test_failed_compare_gives_the_reason(relation: str, reason: str, tmp_path: P
     assert stage.tree.view().reason == reason
 
 
+@pytest.mark.parametrize(
+    ("expression", "reason"),
+    [
+        ("false", "the expression is false"),
+        ('"{so}"', "{so} is false"),
+        ('"{n} == 2 and {so}"', "{n} == 2 and {so} is false: 1 == 2 and false"),
+        ('"len({where}) > {n} + 1"', "len({where}) > {n} + 1 is false: len([0, 1]) > 1 + 1"),
+    ],
+)
+def test_failed_test_shows_the_values(expression: str, reason: str, tmp_path: Path) -> None:
+    """It said nothing but "the expression is false"."""
+    keys = {"n": "1", "so": "false", "where": "[0, 1]"}
+    written = "".join(f"\n  - set: {{key: {key}, value: {keys[key]}}}" for key in keys)
+    stage = Stage(tmp_path, f"sequence:{written}\n  - test: {expression}")
+    stage.tick()
+    assert stage.tree.view().children[-1].reason == f"FALSE: {reason}"
+
+
 def test_true_is_not_one() -> None:
     assert not same(True, 1)
     assert not same({"a": True}, {"a": 1})

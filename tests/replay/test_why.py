@@ -423,3 +423,29 @@ def test_a_run_that_ended_before_its_first_step_did_not_succeed(
     record = recorded(tmp_path, duration=1e-4)
     assert cli.why([str(record.folder)]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "nothing failed"
+
+
+def test_fault_that_ended_a_loop_explains_the_comparison_after_it(tmp_path: Path) -> None:
+    """The reason was that the expression is false."""
+    count = {"sequence": [{"set": {"key": "n", "value": "{n} + 1"}}, {"wait": 0.2}]}
+    leaves = [
+        {"look_at": {"at": {"xyz": [0.5, 0, 0.025]}}},
+        {"set": {"key": "n", "value": 0}},
+        {"while": {"condition": {"sees": {"object": "cube"}}, "child": count}},
+        {"test": "{n} > 100"},
+    ]
+    cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}
+    tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "time_limit": 10},
+        "objects": {"cube": cube | {"pose": {"xyz": [0.5, 0, 0.025]}}},
+        "arms": {"arm1": {"robot": "panda", "camera": {}, "tree": {"sequence": leaves}}},
+        "faults": {"dark": {"kind": "dark_camera", "begin": "4 s", "arm": "arm1"}},
+    }
+    assert bt_dualarm.run(tree, record=tmp_path / "out").outcome == "FAILURE"
+    (story,) = stories(Record.read(tmp_path / "out"))
+    assert story.kind == "test"
+    assert [cause.kind for cause in story.causes] == ["INJECTED", "CONDITION"]
+    assert (
+        "the camera of arm1 is dark; 'sequence/while/sees' had failed" in story.causes[0].sentence
+    )
