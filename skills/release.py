@@ -8,7 +8,7 @@ from bt_dualarm import Duration, GripSpeed, PortModel, Skill, port
 
 
 class Release(Skill):
-    """Release what the gripper holds by opening it a little."""
+    """Release what the gripper holds by opening it a little; what is attached stays attached."""
 
     class Ports(PortModel):
         width: float = port(0.01, "increase of the opening", unit="m", gt=0, le=0.5)

@@ -252,8 +252,11 @@ class ArmMotions(ArmState):
         """Refuse to move something held that cannot follow: it is on a joint, or in other hands."""
         for name in self.held:
             if self.world.objects[name].joint is not None:
+                held = self.world.attachments.find(self.name, name)
+                # Opening the gripper does not let go of what is attached.
+                release = "release" if held is None or held.by_gripper else "detach"
                 reason = f"{self.name} holds {name!r}, which moves on a joint: `operate` it"
-                raise Failure("INVALID_TARGET", f"{reason}, or `release` it first")
+                raise Failure("INVALID_TARGET", f"{reason}, or `{release}` it first")
         self.refuse_shared()
 
     def refuse_shared(self) -> None:

@@ -113,13 +113,14 @@ class SkillRun:
                 raise _located(self._declared_at(), error) from error.__cause__
             return False
         except SkillError as error:
-            name = type(self._skill).__name__
-            raise _located(f"{_authors_line(error)}: {name}", error) from error.__cause__
+            at = _authors_line(error) or self._declared_at()
+            raise _located(f"{at}: {type(self._skill).__name__}", error) from error.__cause__
         except Failure as failure:
             try:
                 refuse_code(self._skill, failure)
             except SkillError as error:
-                raise _located(_authors_line(failure), error) from error.__cause__
+                at = _authors_line(failure) or self._declared_at()
+                raise _located(at, error) from error.__cause__
             raise
         try:
             if yielded is not None:
@@ -153,8 +154,10 @@ class SkillRun:
         raise fault
 
     def _declared_at(self) -> str:
-        """Returns file and line at which ``run`` begins."""
-        code = type(self._skill).run.__code__
+        """Returns file and line at which ``run`` begins, of a condition ``check``."""
+        kind = type(self._skill)
+        # The `run` of a condition is the library's.
+        code = getattr(kind, "check", kind.run).__code__
         return f"{Path(code.co_filename).name}:{code.co_firstlineno}"
 
     def _waiting_at(self) -> str:
@@ -176,11 +179,10 @@ def _located(location: str, error: SkillError) -> SkillError:
 
 
 def _authors_line(error: Exception) -> str:
-    """Returns file and line of the last frame of an error that is outside this package."""
+    """Returns file and line of the last frame of an error outside this package; empty if none."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)]
-    last = own[-1] if own else frames[-1]
-    return f"{Path(last.filename).name}:{last.lineno}"
+    return f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 
 @atexit.register

@@ -171,7 +171,8 @@ class Referee(IdleObserver):
             # be elsewhere then, unless it is in the center.
             distance, angle = shape.away(pose, goal)
         if distance > one.within:
-            return f"{subject} is {_mm(distance)} from its place, not within {_mm(one.within)}"
+            off, most = _unlike(distance, one.within)
+            return f"{subject} is {off} from its place, not within {most}"
         if math.degrees(angle) > one.angle:
             return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
         return ""
@@ -290,7 +291,8 @@ class Referee(IdleObserver):
         distance = float(np.linalg.norm(self._center(one, pose) - other))
         if distance >= one.apart:
             return ""
-        return f"{subject} is {_mm(distance)} from {one.distance_to}, not {_mm(one.apart)}"
+        near, least = _unlike(distance, one.apart)
+        return f"{subject} is {near} from {one.distance_to}, not {least}"
 
 
 def _said(one: ConditionSpec) -> str:
@@ -306,5 +308,14 @@ def _tilted(one: ConditionSpec, subject: str, pose: Pose) -> str:
     return f"{subject} is tilted by {tilt:.1f}°" if tilt > one.tilt else ""
 
 
-def _mm(meters: float) -> str:
-    return f"{1000 * meters:.1f} mm"
+def _mm(meters: float, digits: int = 1) -> str:
+    return f"{1000 * meters:.{digits}f} mm"
+
+
+def _unlike(meters: float, bound: float) -> tuple[str, str]:
+    """A length and the bound that it violates, with as many digits as tell them apart."""
+    for digits in range(1, 6):  # nm: less is noise of the simulation
+        length, limit = _mm(meters, digits), _mm(bound, digits)
+        if length != limit:
+            break
+    return length, limit

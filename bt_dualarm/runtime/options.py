@@ -202,7 +202,11 @@ def checked_seconds(seconds: object, what: str) -> float:
         RunError: The duration is not a finite number above 0.
     """
     real = isinstance(seconds, Real) and not isinstance(seconds, bool)
-    if not (real and math.isfinite(seconds) and seconds > 0):  # type: ignore[arg-type,operator]  # real
+    try:
+        finite = real and math.isfinite(seconds)  # type: ignore[arg-type]  # real
+    except OverflowError:  # a whole number that no float can hold
+        finite = False
+    if not (finite and seconds > 0):  # type: ignore[operator]  # real
         raise RunError(f"{what}: {seconds!r} is not a number of seconds above 0")
     return float(seconds)  # type: ignore[arg-type]  # real
 

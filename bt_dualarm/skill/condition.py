@@ -40,7 +40,7 @@ class Condition(Skill):
             Failure: ``FALSE``: it does not hold.
         """
         holds: object = self.check()
-        if not isinstance(holds, bool | np.bool_):  # comparisons of arrays give the latter
+        if not isinstance(holds, bool | np.bool_):  # NumPy's comparisons return the latter
             raise SkillError(
                 f"check() of {type(self).__name__} returns {holds!r}: return True or False"
             )

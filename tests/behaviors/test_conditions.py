@@ -231,7 +231,19 @@ def test_check_must_return_a_truth_value(tmp_path: Path) -> None:
 
     stage = ArmStage(tmp_path, "high", High)
     stage.tick()
-    assert "check() of High returns 0.5: return True or False" in stage.tree.view().reason
+    reason = stage.tree.view().reason
+    assert "check() of High returns 0.5: return True or False" in reason
+    assert "test_conditions.py:" in reason  # the file of the author, not of the library
+
+
+def test_check_may_return_the_truth_value_of_a_comparison_of_arrays(tmp_path: Path) -> None:
+    class High(Condition):
+        """Compares an element of an array."""
+
+        def check(self) -> bool:
+            return self.arm.tool_pose.position[2] > 0.4  # type: ignore[no-any-return]
+
+    assert ArmStage(tmp_path, "high", High).tick() == "S"
 
 
 def test_condition_without_check_is_refused() -> None:

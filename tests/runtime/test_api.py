@@ -322,7 +322,7 @@ def test_an_unknown_name_gets_a_suggestion(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "seconds", [0, -1, -1e-9, math.nan, math.inf, None, "1", True, 1j, np.array([0.1])]
+    "seconds", [0, -1, -1e-9, math.nan, math.inf, None, "1", True, 1j, np.array([0.1]), 10**400]
 )
 def test_a_step_is_a_time_above_0(seconds: Any) -> None:
     with bt.open(ONE) as run:

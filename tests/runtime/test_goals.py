@@ -95,6 +95,8 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"tool": "arm1", "height": [5, 6]}, "the tool of arm1 is at a height"),
     ({"tool": "arm1", "distance_to": "arm2", "apart": 0.2}, ""),
     ({"tool": "arm1", "distance_to": "cube", "apart": 3}, "from cube, not 3000.0 mm"),
+    # A length and its bound never read the same.
+    ({"object": "cube", "at": {"xyz": [0.5, 0.23, 0.325]}, "within": 0.02998}, "not within 29.98"),
 ]
 
 

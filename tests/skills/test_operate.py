@@ -52,6 +52,21 @@ def test_opened_drawer_is_recorded_replayed_and_resumed(tmp_path: Path) -> None:
     assert carried[-1] - carried[0] == pytest.approx(0.12, abs=0.03)
 
 
+@pytest.mark.parametrize("named", ["cabinet", "cabinet.slide"])
+def test_attached_part_is_detached_by_the_name_of_its_object(named: str, stage: Stage) -> None:
+    """Fingers that open leave it attached, and the refusal of other motions says so."""
+    take: Tree = {
+        "approach_and_attach": {"object": "cabinet", "part": "handle", "direction": [0, -1, 0]}
+    }
+    away: Tree = {"move_linear": {"offset": {"xyz": [0, 0.05, 0]}}}
+    tree = [take, "release", {"force_success": {"child": away}}, {"detach": {"object": named}}]
+    play = stage.run(file_of(*tree, away))
+    refused, later = play.leaves("move_linear")
+    assert refused.code == "INVALID_TARGET"
+    assert "`detach` it first" in refused.reason
+    assert later.status == "SUCCESS", later.reason
+
+
 def test_held_drawer_moves_by_operate_only(stage: Stage) -> None:
     """Other motions are refused before anything moves, and possible after a release."""
     away: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0.05]}}}
