@@ -153,6 +153,11 @@ class ParamSpec(Value):
         kinds = {"boolean": "boolean", "pose": "object", "text": "string", "object": "string"}
         return ValueType(kinds.get(self.type, ""))
 
+    @property
+    def base_unit(self) -> str:
+        """Unit of its number; empty if it has none."""
+        return self.unit or _UNITS.get(self.type, "")
+
     def in_unit(self, value: Data) -> Data:
         """Returns a value with numbers in the place of texts with a unit, ``5 cm``.
 

@@ -30,8 +30,8 @@ from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import REALITY_NAMES
 from bt_dualarm.spec.explain import explain
-from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.parser import ParamSpec, declared
+from bt_dualarm.spec.node_types import PortModel, number_in, port
+from bt_dualarm.spec.parser import ParamSpec, UnitName, declared
 from bt_dualarm.spec.problems import Problem, SpecError, errors, suggestion
 from bt_dualarm.spec.yaml_reader import (
     Data,
@@ -72,11 +72,13 @@ class Grid:
         low: First value.
         high: Last value.
         count: Number of values, at least 1; None for a range to draw samples from.
+        unit: Unit that the ends were given in, converted to the one of parameters; empty if none.
     """
 
     low: float
     high: float
     count: int | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low <= self.high):
@@ -398,6 +400,12 @@ def _typed(name: str, specs: Mapping[str, ParamSpec], values: Values) -> Values:
     if isinstance(values, Grid):
         if spec.type not in _NUMERIC:
             raise SweepError(f"{name} is a {spec.type}: it has no range; list its values")
+        if values.unit not in ("", spec.base_unit):
+            raise SweepError(
+                f"{name}: the range is in {values.unit}, the parameter "
+                + (f"in {spec.base_unit}" if spec.base_unit else "has no unit")
+            )
+        values = replace(values, unit="")
         if values.count is None:
             ends: tuple[Data, ...] = (values.low, values.high)
             if spec.type == "integer":
@@ -442,7 +450,8 @@ def _parsed(spec: ParamSpec, value: Data) -> Data:
 
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_GRID: Final = re.compile(rf"({_NUMBER}):({_NUMBER})(?::(\d+))?")
+_END: Final = rf"{_NUMBER}[^:,]*"
+_GRID: Final = re.compile(rf"({_END}):({_END})(?::(\d+))?")
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
@@ -465,14 +474,20 @@ def seeds_of(text: str) -> tuple[int, ...]:
 
 
 def values_of(text: str) -> Values:
-    """Values of a parameter from text: ``0.2:1.0:5``, ``0.2:1.0``, ``a,b`` or ``[0,0,1],[1,0,0]``.
+    """Values of a parameter from text: ``0.2:1.0:5``, ``2cm:8cm``, ``a,b`` or ``[0,0,1],[1,0,0]``.
 
     Raises:
         SweepError: Brackets do not match, or a value is empty.
     """
     match = _GRID.fullmatch(text.strip())
-    if match is not None:
-        return Grid(float(match[1]), float(match[2]), None if match[3] is None else int(match[3]))
+    low = None if match is None else _quantity(match[1])
+    high = None if match is None else _quantity(match[2])
+    if match is not None and low is not None and high is not None:
+        units = {unit for _, unit in (low, high) if unit}
+        if len(units) > 1:
+            raise SweepError(f"{text!r}: the ends of a range have units of different quantities")
+        count = None if match[3] is None else int(match[3])
+        return Grid(low[0], high[0], count, units.pop() if units else "")
     parts: list[str] = [""]
     depth = 0
     for letter in text:
@@ -484,6 +499,14 @@ def values_of(text: str) -> Values:
     if depth or not all(part.strip() for part in parts):
         raise SweepError(f"{text!r} is not a list of values: FROM:TO:COUNT, or values with commas")
     return tuple(part.strip() for part in parts)
+
+
+def _quantity(text: str) -> tuple[float, str] | None:
+    """A number with its unit as parameters have it, empty for none; None if it is neither."""
+    if re.fullmatch(_NUMBER, text.strip()):
+        return float(text), ""
+    found = ((number_in(text.strip(), unit), unit) for unit in get_args(UnitName))
+    return next(((number, unit) for number, unit in found if number is not None), None)
 
 
 def shard_of(text: str) -> tuple[int, int]:

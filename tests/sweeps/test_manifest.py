@@ -50,6 +50,10 @@ def test_invalid_seeds_are_refused(text: str) -> None:
     [
         ("0.2:1.0:5", Grid(0.2, 1.0, 5)),
         ("-1:1", Grid(-1, 1)),
+        ("2cm:8 cm:3", Grid(0.02, 0.08, 3, "m")),
+        ("0:500 ms", Grid(0, 0.5, None, "s")),
+        ("-90°:90°:3", Grid(-90, 90, 3, "deg")),
+        ("a:b:3", ("a:b:3",)),
         ("fingers,attach", ("fingers", "attach")),
         ("[0, 0, 1],[1, 0, 0]", ("[0, 0, 1]", "[1, 0, 0]")),
         ("{a: 1, b: [2, 3]}", ("{a: 1, b: [2, 3]}",)),
@@ -64,6 +68,21 @@ def test_values_are_parsed(text: str, values: Values) -> None:
 def test_invalid_values_are_refused(text: str) -> None:
     with pytest.raises(SweepError):
         values_of(text)
+
+
+def test_range_with_units_has_the_values_of_the_parameter() -> None:
+    """As on the command line of `bt-run`; a unit of another quantity is refused."""
+    tree = (
+        "bt_dualarm: 1\nparams: {h: {type: number, unit: m, default: 0.1}}\n"
+        "arms: {a: {robot: ur5, tree: {reach_to_pose: {offset: {xyz: [0, 0, '{h}']}}}}}\n"
+    )
+    assert [
+        point["h"] for point in checked(Manifest(tree, params={"h": values_of("2cm:8cm:3")})).points
+    ] == [0.02, 0.05, 0.08]
+    with pytest.raises(SweepError, match="the range is in s, the parameter in m"):
+        checked(Manifest(tree, params={"h": values_of("2s:8s:3")}))
+    with pytest.raises(SweepError, match="units of different quantities"):
+        values_of("2s:8cm:3")
 
 
 def test_grid_has_decimal_values() -> None:
