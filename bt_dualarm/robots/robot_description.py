@@ -101,6 +101,28 @@ def _flange_links(file: RobotFile) -> Iterator[tuple[Place, str, bool]]:
             yield ("flange", "stock", number), link, False
 
 
+def stock_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
+    """Report links of the stock tool that carry the flange, or that joints of the arm move."""
+    flange = file.entry.flange
+    if flange is None:
+        return
+    for number, link in enumerate(flange.stock):
+        removed = set(tree.subtree(link))
+        moved = [
+            name
+            for name in file.entry.joints
+            if name in tree.joints and tree.joints[name].child in removed
+        ]
+        message = f"a gripper replaces '{link}' and what is below it: "
+        hint = "stock has the links of the robot's own tool; flange names the link before them"
+        if moved:
+            message += f"joint '{moved[0]}' is part of the arm"
+            yield file.problem(("flange", "stock", number), message, hint)
+        elif flange.link in removed:
+            message += f"it would be mounted on '{flange.link}', which is then gone"
+            yield file.problem(("flange", "stock", number), message, hint)
+
+
 def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
     """Report joints that the URDF lacks, that do not move the tool, or are not in order."""
     entry = file.entry
@@ -358,7 +380,11 @@ def description_of(file: RobotFile) -> ArmDescription:
     """
     urdf, srdf = _files(file)
     tree = read_urdf(urdf)
-    problems = [*link_problems(file, tree), *joint_problems(file, tree)]
+    problems = [
+        *link_problems(file, tree),
+        *stock_problems(file, tree),
+        *joint_problems(file, tree),
+    ]
     if file.entry.base_link not in tree.links:  # nothing else can be checked
         problems += locked_problems(file, tree)
         raise DescriptionError(problems)

@@ -9,6 +9,7 @@ import pytest
 
 from bt_dualarm import cli
 from bt_dualarm.robots.robot_description import load_robot
+from tests.robots.small_arm import DESCRIPTION, write_robot
 from tests.sim.worlds import PAGES, WORLD
 
 TREE = """\
@@ -47,3 +48,21 @@ def test_a_camera_on_an_arm_without_mounts_is_told_where_they_are_declared(
     (tmp_path / "reaching.yaml").write_text(tree, encoding="utf-8")
     assert cli.check([str(tmp_path / "reaching.yaml")]) == 1
     assert "= its description declares none: add `cameras` there" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flange", "message"),
+    [
+        ("{link: flange, stock: [flange]}", "it would be mounted on 'flange', which is then gone"),
+        ("{link: base, stock: [finger, lower]}", "joint 'elbow' is part of the arm"),
+    ],
+)
+def test_a_gripper_replaces_neither_its_flange_nor_the_arm(
+    flange: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of such a description the check ended with a KeyError where an arm had a gripper."""
+    write_robot(tmp_path, description=f"{DESCRIPTION}flange: {flange}\n")
+    tree = (TREE % "small.yaml").replace("    tree:", "    gripper: panda_hand\n    tree:")
+    (tmp_path / "reaching.yaml").write_text(tree, encoding="utf-8")
+    assert cli.check([str(tmp_path / "reaching.yaml")]) == 1
+    assert message in capsys.readouterr().out
