@@ -19,6 +19,7 @@ from pydantic import Field, WithJsonSchema
 from bt_dualarm.behaviors.node import NAMES, AcyclicNode, StatusReporter, reached
 from bt_dualarm.behaviors.report import LeafReport, LeafReports
 from bt_dualarm.core.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
+from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.making_room import from_its_place
 from bt_dualarm.skill.skill import (
     Skill,
@@ -157,7 +158,7 @@ class SkillRun:
         """Returns file and line at which ``run`` begins, of a condition ``check``."""
         kind = type(self._skill)
         # The `run` of a condition is the library's.
-        code = getattr(kind, "check", kind.run).__code__
+        code = (kind.check if issubclass(kind, Condition) else kind.run).__code__
         return f"{Path(code.co_filename).name}:{code.co_firstlineno}"
 
     def _waiting_at(self) -> str:

@@ -211,17 +211,6 @@ def test_condition_class_of_a_user_works(tmp_path: Path) -> None:
     assert stage.tree.view().reason == "FALSE: the tool is at 0.5 m"
 
 
-def test_comparison_of_arrays_is_a_truth_value(tmp_path: Path) -> None:
-    class High(Condition):
-        """Compares an array."""
-
-        def check(self) -> bool:
-            return (np.ones(3) > 0.5).all()  # type: ignore[return-value]
-
-    stage = ArmStage(tmp_path, "high", High)
-    assert stage.tick() == "S"
-
-
 def test_check_must_return_a_truth_value(tmp_path: Path) -> None:
     class High(Condition):
         """Returns the height."""
