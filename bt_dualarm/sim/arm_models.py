@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector, camera_pose
 from bt_dualarm.robots.mjspec import TOOL_SITE
 from bt_dualarm.robots.robot import JointFriction, Robot
@@ -271,7 +272,13 @@ class NominalArm:
         return positions, rotations.reshape(-1, 3, 3)
 
     def camera_pose_at(self, q: Vector) -> Pose:
-        """Nominal pose in the world of the arm's camera (x right, y down, z forward), likewise."""
+        """Nominal pose in the world of the arm's camera (x right, y down, z forward), likewise.
+
+        Raises:
+            Failure: ``NO_CAMERA``: none moves with the arm.
+        """
+        if not self.model.ncam:
+            raise Failure("NO_CAMERA", f"{self.name} has no camera that moves with it")
         data = self._with_kinematics(q)
         mujoco.mj_camlight(self.model, data)
         return camera_pose(data, 0)

@@ -43,7 +43,7 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
             "pose": {"xyz": xyz},
         }
     grasp = {"object": "block"} | ({} if then_at is None else {"then_at": then_at})
-    place = {"object": "block", "at": {"xyz": [*GOAL]}}
+    place = {"object": "block", "at": {"xyz": [*GOAL], "rpy": [0, 0, 0]}}
     tree = {"sequence": [{"grasp": grasp}, {"place": place}]}
     arms = {"arm1": {"robot": robot, "gripper": gripper, "tree": tree}}
     world = {"scene": "empty", "time_limit": 60}
