@@ -453,6 +453,7 @@ def _inspections(dice: Dice) -> Task:
             "color": color,
             "pose": {"xyz": [round(x, 3), round(y, 3), z], "rpy": [0, 0, dice.number(-45, 45, 0)]},
         }
+    located = {"object": "cube1", "region": "mat_zone", "pose": "{where}"}
     look = {"look_at": {"at": {"xyz": middle}, "distance": dice.number(0.32, 0.42)}}
     subtrees: Tree = {
         "watch": {"tree": look},
@@ -460,7 +461,8 @@ def _inspections(dice: Dice) -> Task:
             "params": {"place": {"type": "integer"}, "from": {"type": "string"}},
             "tree": {
                 "sequence": [
-                    {"locate": {"object": "cube1", "region": "mat_zone", "pose": "{where}"}},
+                    # A search that was halted may look away from the mat.
+                    {"sequence": [{"subtree": {"use": "watch"}}, {"locate": located}]},
                     {"selector": [{"grasp": {"object": name, "at": "{where}"}} for name in names]},
                     {
                         "place": {

@@ -93,7 +93,8 @@ _TURNS: Final = np.deg2rad([0.0, 90.0, 180.0, 270.0])  # about the giver's tool 
 _SPINS: Final = np.deg2rad([30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
 """Rotations about the vertical of an object on which something rides."""
 
-_BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
+_BACK_M: Final = 0.1
+_BACK: Final = Pose.from_rpy((0.0, 0.0, -_BACK_M))
 """Retreat for which the giver needs room."""
 
 # Costs; all terms are between 0 and about 2.
@@ -276,6 +277,8 @@ class HandoverSearch:
         there = CollisionChecker(self._world, self._arm.name, margins, obj, sharing=sharing)
         giver = CollisionChecker(self._world, self._giver, margins)
         taker = CollisionChecker(self._world, self._arm.name, margins, obj)
+        taken = (SharedGrasp(self._arm.name, self._object, _PLANNED_M),)
+        leaving = CollisionChecker(self._world, self._giver, margins, obj, sharing=taken)
         for checker in (here, taker):  # of the configurations in which the arms wait
             checker.keep_clear(_CLEAR_M)
         found = list[HandoverPlan]()
@@ -293,7 +296,7 @@ class HandoverSearch:
                     continue
                 self.tries += 1
                 plan, refused = self._try(
-                    object_pose, tool, grasp, (here, back, there, giver, taker)
+                    object_pose, tool, grasp, (here, back, there, giver, taker, leaving)
                 )
                 if plan is None:
                     yield None
@@ -318,7 +321,7 @@ class HandoverSearch:
         checkers: tuple[CollisionChecker, ...],
     ) -> tuple[HandoverPlan | None, bool]:
         """Plan for a pose and a grasp, or None; and whether the giver is the reason."""
-        here, back, there, giver, taker = checkers
+        here, back, there, giver, taker, leaving = checkers
         arm = self._arm
         seen = tool.inverse @ object_pose @ grasp.tool
         try:
@@ -374,6 +377,10 @@ class HandoverSearch:
         if contact is not None:
             self._note(f"{contact.first} at {contact.second}, at the standoff")
             return None, False
+        leaving.move_other(self._world.arms[arm.name], rows[-1])
+        if not self._can_leave(giver_q, goal, leaving):
+            self._note(f"the retreat of {self._giver} beside {arm.name}")
+            return None, False
         return HandoverPlan(0, object_pose, giver_q, rows[0], grasp), False
 
     def _presents(self, tool: Pose) -> bool:
@@ -398,6 +405,29 @@ class HandoverSearch:
         except Failure:
             return False
         return checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None
+
+    def _can_leave(self, q: Vector, taker: Pose, checker: CollisionChecker) -> bool:
+        """Whether the giver has a retreat, as `retreat_from` tries them, past the taker.
+
+        Args:
+            q: Configuration of the giver, of shape (dof,), rad.
+            taker: Pose of the taker's tool, which holds the object.
+            checker: Checker of the giver, with the taker where it is then.
+        """
+        kinematics = self._kinematics[self._giver]
+        here = kinematics.forward(q)
+        gripper = self._world.grippers.get(self._giver)
+        has_fingers = gripper is not None and bool(gripper.gripper.fingers)
+        for share in _RETREATS_M:
+            for direction in _directions_from(here, taker.position, has_fingers=has_fingers):
+                away = share * _BACK_M * direction
+                try:
+                    rows = kinematics.follow_on(line(here, here.shifted(away)).poses, q)
+                except Failure:
+                    continue
+                if checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None:
+                    return True
+        return False
 
     def _note(self, reason: str) -> None:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1
@@ -838,12 +868,18 @@ def retreat_from(
             for direction in directions:
                 here = arm.commanded_tool_pose
                 away = share * length * direction
+                before = arm.resting
+                # The partner stays where it is. The search has found room for a retreat from where
+                # the arms were to be; now they may be nearer to each other by a millimeter.
+                arm.resting |= {partner}
                 try:
                     rows = arm.line_on(here.shifted(away))
                     arm.refuse_collision_along(rows, ignore)
                 except Failure as failure:
                     first = first or failure
                     continue
+                finally:
+                    arm.resting = before
                 motion = arm.time_path(rows, speed)
                 if waits:
                     yield from arm.follow(motion, ignore, _RETREAT_WAIT_S)
@@ -856,13 +892,19 @@ def retreat_from(
 def retreat_directions(arm: Arm, partner: str) -> list[Vector]:
     """Unit vectors in the world along which an arm may retreat, the preferred one first."""
     here = arm.commanded_tool_pose
+    other = arm.tool_pose_of(partner).position if partner in arm.world.arms else here.position
+    has_gripper = arm.name in arm.world.grippers
+    has_fingers = has_gripper and bool(arm.gripper.description.fingers)
+    return _directions_from(here, other, has_fingers=has_fingers)
+
+
+def _directions_from(here: Pose, other: Vector, *, has_fingers: bool) -> list[Vector]:
+    """Directions as `retreat_directions`, from a tool's pose and the position of another tool."""
     back = -here.rotation_matrix[:, 2]
     up = np.array((0.0, 0.0, 1.0))
-    apart = np.zeros(3)
-    if partner in arm.world.arms:
-        apart = here.position - arm.tool_pose_of(partner).position
-        apart -= (apart @ back) * back
-    if arm.name in arm.world.grippers and arm.gripper.description.fingers:
+    apart = here.position - other
+    apart -= (apart @ back) * back
+    if has_fingers:
         # The object is between the fingers: across them, one would push it out of the other hand.
         across = here.rotation_matrix[:, 1]
         up = up - (up @ across) * across

@@ -13,9 +13,11 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.control.payload_estimation import PayloadEstimator
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.handover import retreat_directions
+from bt_dualarm.skill.handover import HandoverSearch, retreat_directions
 from tests.families import some
 from tests.plays import Play, Stage
 from tests.skills.scenarios import GIVER, GRASP, ON_SHELF, PICK, TAKER, TAKES, Tree
@@ -654,3 +656,73 @@ def test_taker_that_was_halted_stays_until_the_hand_of_the_giver_has_left() -> N
     result = bt.run(HALTED_TAKER)
     assert result.outcome == "SUCCESS", str(result)
     assert [leaf.code for leaf in result.arms["b"].runs] == ["HALTED", "", ""]
+
+
+@pytest.mark.slow
+def test_giver_has_room_to_retreat_beside_the_arm_that_has_taken() -> None:
+    """All retreats of the last giver led to the taker's forearm: the search had left that out."""
+
+    def arm(robot: str, hand: str, x: float, y: float, *leaves: Any) -> dict[str, Any]:
+        base = {"xyz": [x, y, 0], "rpy": [0, 0, 90]}
+        return {"robot": robot, "gripper": hand, "base": base, "tree": {"sequence": [*leaves]}}
+
+    def take(giver: str) -> dict[str, Any]:
+        return {"take_over": {"object": "can1", "from": giver}}
+
+    def give(taker: str) -> dict[str, Any]:
+        return {"hand_over": {"object": "can1", "to": taker}}
+
+    fingers = "robotiq_2f85"
+    end = {"xyz": [3.096, 0, 0.192], "rpy": [0, 0, 0]}
+    last = {"take_over": {"object": "can1", "from": "arm3", "then_at": end}}
+    can = {"shape": "cylinder", "size": [0.019, 0.189], "mass": 0.246, "color": "red"}
+    stand = {"shape": "box", "fixed": True, "size": [0.14, 0.26, 0.097]}
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "name": "generated",
+            "world": {"scene": "empty", "reality": "lab", "time_limit": 90},
+            "objects": {
+                "can1": can | {"pose": {"xyz": [0, 0, 0.192]}},
+                "stand0": stand | {"pose": {"xyz": [0, 0, 0.0485]}},
+                "stand4": stand | {"pose": {"xyz": [3.096, 0, 0.0485]}},
+            },
+            "arms": {
+                "arm1": arm(
+                    "ur5",
+                    fingers,
+                    0.306,
+                    -0.357,
+                    {"grasp": {"object": "can1"}},
+                    give("arm2"),
+                    "go_home",
+                ),
+                "arm2": arm("ur10e", fingers, 1.08, -0.546, take("arm1"), give("arm3"), "go_home"),
+                "arm3": arm(
+                    "ur10", "panda_hand", 2.016, -0.546, take("arm2"), give("arm4"), "go_home"
+                ),
+                "arm4": arm("ur5e", fingers, 2.79, -0.357, last, {"place": {"at": end}}, "go_home"),
+            },
+        }
+    )
+    assert result.outcome == "SUCCESS", str(result)
+
+
+@pytest.mark.parametrize(("free", "can"), [("none", False), ("aside", True), ("back", True)])
+def test_retreat_past_the_taker_may_lead_aside(free: str, can: bool) -> None:
+    """The taker is left out nowhere, and a retreat that is not straight back will do."""
+    kinematics = Kinematics(load_robot("ur5"), Pose.from_rpy((0.0, 0.0, 0.0)))
+    q = np.radians((0.0, -90.0, 90.0, -90.0, -90.0, 0.0))
+    here = kinematics.forward(q)
+
+    def contact(row: Vector) -> str | None:
+        moved = kinematics.forward(row).position - here.position
+        straight = float(moved @ -here.rotation_matrix[:, 2]) > 0.95 * float(np.linalg.norm(moved))
+        return None if free == ("back" if straight else "aside") else "the forearm of the taker"
+
+    search: Any = SimpleNamespace(
+        _kinematics={"giver": kinematics}, _giver="giver", _world=SimpleNamespace(grippers={})
+    )
+    checker: Any = SimpleNamespace(contact=contact, first_contact=lambda rows: contact(rows[-1]))
+    taker = here.shifted(np.array((0.1, 0.0, 0.0)))
+    assert HandoverSearch._can_leave(search, q, taker, checker) is can
