@@ -270,7 +270,7 @@ def _relays(dice: Dice) -> Task:
                 then = {"then_at": last["can1"]} if name == names[-1] else {}
                 leaves.append({"take_over": take | then})
             if name == names[-1]:
-                leaves.append({"place": {"at": last["can1"]}})
+                leaves.append({"place": {"object": "can1", "at": last["can1"]}})
             else:
                 leaves.append({"hand_over": {"object": "can1", "to": names[i + 1]}})
             leaves.append({"go_home": {}})
@@ -305,7 +305,7 @@ def _relays(dice: Dice) -> Task:
                     leaves.append({"await": given | {"relation": "greater_or_equal"}})
                 up = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.12]}}}
                 leaves += claimed(i, {"grasp": {"object": thing}}, up)
-                put: Tree = {"place": {"at": spot(i + 1, number)}}
+                put: Tree = {"place": {"object": thing, "at": spot(i + 1, number)}}
                 leaves += claimed(i + 1, put, {"go_home": {}})
                 told: Tree = {"signal": {"signal": f"by_{name}", "value": number + 1}}
                 leaves.append(told)
