@@ -31,7 +31,7 @@ from bt_dualarm.robots.robot import (
     locked_joints,
 )
 from bt_dualarm.robots.robot_description import RANGES
-from bt_dualarm.robots.urdf import KinematicTree, Selection, read_urdf
+from bt_dualarm.robots.urdf import Joint, KinematicTree, Selection, read_urdf
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir, turning_joints
 from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError
 from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
@@ -191,6 +191,8 @@ class DescriptionTemplate:
         home: Joint angles in degrees, of shape (dof,).
         exclude: Pairs of links that are in contact in nearly every posture.
         weak: Joints whose effort limits hardly hold the arm at home.
+        stock: Links of the robot's own gripper; empty if it has none.
+        flange_link: Link on which it is mounted.
     """
 
     base_link: str
@@ -204,6 +206,8 @@ class DescriptionTemplate:
     home: Vector
     exclude: tuple[tuple[str, str], ...]
     weak: tuple[str, ...]
+    stock: tuple[str, ...]
+    flange_link: str
 
 
 def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTemplate:
@@ -231,6 +235,7 @@ def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTe
         for what in ("velocity", "effort")
     )
     survey = survey_of(_robot(arm, base, tool, joints, effort))
+    flange_link, stock = _stock_gripper(tree, tool)
     velocity_limit = _velocity(velocity)
     effort_limit = _effort(effort, survey)
     torque = np.where(effort_limit > 0, effort_limit, 1.0)
@@ -248,7 +253,26 @@ def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTe
         home=np.degrees(survey.home),
         exclude=survey.always,
         weak=tuple(name for name, most in zip(joints, possible, strict=True) if most < 0.2),
+        stock=stock,
+        flange_link=flange_link,
     )
+
+
+def _stock_gripper(tree: KinematicTree, tool: str) -> tuple[str, tuple[str, ...]]:
+    """The link that carries the robot's own gripper, and the gripper's links; none without fingers.
+
+    Fingers are what moves below the tool's link. If they are mounted on that itself, it is their
+    palm, provided that it is fixed to the arm; otherwise the palms are further down.
+    """
+
+    def moves(joint: Joint) -> bool:
+        return any(tree.above[link].kind != "fixed" for link in tree.subtree(joint.child))
+
+    moving = [joint for joint in tree.below.get(tool, ()) if moves(joint)]
+    above = tree.above[tool]
+    if above.kind == "fixed" and any(joint.kind != "fixed" for joint in moving):
+        return above.parent, (tool,)
+    return tool, tuple(joint.child for joint in moving)
 
 
 def _read(tree: KinematicTree, selection: Selection, urdf: Path, folder: Path) -> Urdf:
@@ -338,6 +362,9 @@ def _lines(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) 
         yield f"srdf: {_text(srdf)}"
     yield f"base_link: {_text(draft.base_link)}"
     yield f"tool: {{link: {_text(draft.tool_link)}}}   # its z axis must point out of the tool"
+    if draft.stock:
+        yield f"flange: {{link: {_text(draft.flange_link)}, stock: [{_list(draft.stock)}]}}"
+        yield "# A gripper replaces what `stock` names. The flange's z axis must point out, too."
     yield f"joints: [{_list(draft.joints)}]"
     if draft.locked:
         pairs = (f"{_text(name)}: {_number(value)}" for name, value in draft.locked.items())

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from bt_dualarm import cli
 from bt_dualarm.cli.bt_robot import main
-from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.robots.gripper import load_gripper
+from bt_dualarm.robots.robot_description import load_robot, with_gripper
 from bt_dualarm.robots.urdf import read_urdf
 from bt_dualarm.robots.urdf_arm import ArmChain, arm_chains, robot_data_dir
 from bt_dualarm.robots.urdf_xml import DescriptionError
@@ -46,6 +48,37 @@ def test_robot_description_is_written_and_can_be_loaded(
     capsys.readouterr()
     assert cli.robot(arguments) == 0
     assert capsys.readouterr().out == (folder / "arm.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("palm", "flange"),
+    [
+        # Fingers on the link of the tool; on one that is fixed to it; on a link of the arm.
+        ("flange", {"link": "lower", "stock": ["flange"]}),
+        ("palm", {"link": "flange", "stock": ["palm"]}),
+        ("lower", None),
+    ],
+)
+def test_grippers_replace_the_robots_own(
+    palm: str, flange: dict[str, Any] | None, folder: Path
+) -> None:
+    """Mounted beside the fingers of the robot, they could not grasp."""
+    fingers = (
+        '<link name="palm"/>'
+        '<joint name="fix" type="fixed"><parent link="flange"/><child link="palm"/></joint>'
+        '<joint name="slide" type="prismatic">\n    <parent link="lower"/>'
+    ).replace("lower", palm)
+    urdf = URDF.replace(
+        '<joint name="slide" type="prismatic">\n    <parent link="lower"/>', fingers
+    )
+    assert urdf != URDF
+    (folder / "small.urdf").write_text(urdf, encoding="utf-8")
+    arguments = ["small.urdf", "--base", "base", "--tool", "flange", "--out", "arm.yaml"]
+    assert cli.robot(arguments) == 0
+    assert yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8")).get("flange") == flange
+    robot = load_robot("arm.yaml", folder)
+    links = with_gripper(robot, load_gripper("panda_hand")).model.links
+    assert not {*links} & {*(flange["stock"] if flange else ())}
 
 
 def test_guessed_limits_are_marked_as_guessed(folder: Path) -> None:
