@@ -103,13 +103,13 @@ def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
 
 def _write(target: Path, text: str) -> None:
     """Write the description, and load it as a run would."""
-    from bt_dualarm.core.share import write_text
+    from bt_dualarm.core.share import kind_at, write_text
     from bt_dualarm.robots.robot import is_description_path
     from bt_dualarm.robots.robot_description import load_robot
 
     if not is_description_path(target.name):
         raise DualArmError(f"--out {target}: the name of a description ends with .yaml")
-    if target.exists():
+    if kind_at(target):
         raise DualArmError(f"--out {target}: already exists; remove it, or choose another name")
     try:
         write_text(target, text)

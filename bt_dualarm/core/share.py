@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
+import stat
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from secrets import token_hex
-from typing import BinaryIO, Final, ParamSpec
+from typing import BinaryIO, Final, Literal, ParamSpec
 from weakref import ref
 
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
@@ -60,6 +62,29 @@ def beside(path: Path, ending: str = "") -> Path:
     return path.with_name(f".{start_of_name(path.name)}.{os.getpid()}.{token_hex(4)}{ending}")
 
 
+def kind_at(path: Path) -> Literal["file", "folder", "other", ""]:
+    """What is at a path: links are followed; empty if there is nothing, or nothing can be there.
+
+    `Path.is_file` and the like raise before Python 3.12 for names that are too long and in folders
+    that one may not enter.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return ""
+    return "file" if stat.S_ISREG(mode) else "folder" if stat.S_ISDIR(mode) else "other"
+
+
+def refuse_special(path: Path) -> None:
+    """Refuse a file to write that is a device, pipe or socket: a new file would take its place.
+
+    Raises:
+        OSError: It is one, or a link to one, such as ``/dev/stdout``.
+    """
+    if kind_at(path) == "other":
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+
+
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Create or replace a file; a reader sees either the old or the complete new content.
 
@@ -68,8 +93,10 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         write: Writer of the content into the open file.
 
     Raises:
-        OSError: The disk is full or the folder is not writable; nothing is left behind.
+        OSError: The disk is full, the folder is not writable, or the path is a device; nothing is
+            left behind.
     """
+    refuse_special(path)
     half = beside(path)
     try:
         with half.open("xb") as file:

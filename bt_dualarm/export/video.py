@@ -20,7 +20,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.core.share import beside, write_atomically
+from bt_dualarm.core.share import beside, refuse_special, write_atomically
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
 from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
 from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, TOOL_SITE
@@ -496,6 +496,7 @@ def write_film(record: Record, path: Path) -> None:
         ReplayError: The record shows no arm or object, or imageio-ffmpeg is not installed.
         OSError: The file cannot be written.
     """
+    refuse_special(path)
     half = beside(path, ".mp4")
     try:
         half.touch()

@@ -29,6 +29,7 @@ from pydantic import (
 from bt_dualarm.behaviors.report import StatusName
 from bt_dualarm.core.errors import DualArmError, RunError
 from bt_dualarm.core.pose import Vector
+from bt_dualarm.core.share import kind_at
 from bt_dualarm.replay.stored_model import stored_model
 from bt_dualarm.robots.mjspec import joint_motors
 from bt_dualarm.runtime.history_file import (
@@ -579,8 +580,8 @@ class Record:
             HistoryError: A file cannot be read, is invalid, or takes too much memory; the message
                 names the file, the error, and what is expected.
         """
-        if not folder.is_dir():
-            if folder.is_file():
+        if kind_at(folder) != "folder":
+            if kind_at(folder):
                 raise ReplayError(f"{folder} is a file; a record is the folder of bt-run --record")
             raise ReplayError(f"there is no folder {folder}")
         if not os.path.lexists(folder / HISTORY):

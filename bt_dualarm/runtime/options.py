@@ -15,7 +15,7 @@ from typing import Final, get_args
 from pydantic import ValidationError
 
 from bt_dualarm.core.errors import DualArmError, RunError
-from bt_dualarm.core.share import share_dir
+from bt_dualarm.core.share import kind_at, share_dir
 from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.spec.document import REALITY_NAMES, Reality, RealitySpec
 from bt_dualarm.spec.explain import explain
@@ -55,15 +55,15 @@ def find_tree(given: str) -> Path:
     if not given.strip():
         raise NoSuchTree(f"tree: {given!r} is not a path\n  = shipped trees: {', '.join(names)}")
     path = Path(given)
-    if path.is_file():
+    if kind_at(path) == "file":
         return path
     name = given.removeprefix("./").removeprefix("trees/").removesuffix(".yaml")
     shipped = trees / f"{name}.yaml"
-    if shipped.is_file() and shipped.resolve().is_relative_to(trees.resolve()):
+    if kind_at(shipped) == "file" and shipped.resolve().is_relative_to(trees.resolve()):
         return shipped
-    if path.is_dir():
+    if kind_at(path) == "folder":
         raise NoSuchTree(f"{given}: is a folder, not a tree file")
-    if path.exists():
+    if kind_at(path):
         raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
     # By what is before the ending, which all of them have in common.
     beside = [tree.stem for tree in sorted(path.parent.glob("*.yaml"))] if "." in given else []
@@ -71,7 +71,7 @@ def find_tree(given: str) -> Path:
     files = difflib.get_close_matches(path.stem, beside, n=1)
     near = [str(path.with_name(f"{file}.yaml")) for file in files] or near
     own = path.with_name(f"{path.name}.yaml") if path.name else path
-    near = [str(own)] if own.is_file() else near
+    near = [str(own)] if kind_at(own) == "file" else near
     hint = f"did you mean '{near[0]}'?" if near else f"shipped trees: {', '.join(names)}"
     raise NoSuchTree(f"{given}: there is no such file, nor a shipped tree of this name\n  = {hint}")
 

@@ -20,7 +20,7 @@ import numpy as np
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.core.share import leftovers, write_atomically, write_text
+from bt_dualarm.core.share import kind_at, leftovers, write_atomically, write_text
 from bt_dualarm.runtime.arm_runtime import IdleObserver, RunView
 from bt_dualarm.runtime.history import History
 from bt_dualarm.runtime.history_file import (
@@ -239,7 +239,7 @@ class RecordFolder:
         self.path = path
         self._names = [*_FILES, *_plots_of(arms)]
         self._is_withdrawn = False
-        self._is_new = not path.exists()
+        self._is_new = not kind_at(path)
         try:
             path.mkdir(parents=True, exist_ok=True)
             was_left = (path / LOCK).exists()

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from pydantic.errors import PydanticUserError
 
 from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
-from bt_dualarm.core.share import share_dir
+from bt_dualarm.core.share import kind_at, share_dir
 from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.node_types import (
@@ -405,7 +405,7 @@ def _changed(folder: str) -> int:
 
 
 def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
-    if not folder.is_dir():
+    if kind_at(folder) != "folder":
         yield str(folder), FileNotFoundError("there is no such folder of skills")
         return
     for file in _files_in(folder):

@@ -16,6 +16,7 @@ from typing import Any, Final, TypeAlias, get_args
 
 import numpy as np
 
+from bt_dualarm.core.share import kind_at
 from bt_dualarm.experiments.trials import usable_cores
 from bt_dualarm.runtime.api import GivenFaults, Tree, faults_input, tree_input
 from bt_dualarm.runtime.interruption import StopRequest
@@ -283,7 +284,7 @@ def _manifest_of(tree: Tree, given: dict[str, Any]) -> Manifest:  # Any: fields 
         SpecError: The manifest file has errors.
     """
     is_path = isinstance(tree, os.PathLike) or (isinstance(tree, str) and not is_yaml(tree))
-    if is_path and Path(tree).is_file() and is_manifest(Path(tree)):  # type: ignore[arg-type]
+    if is_path and kind_at(Path(tree)) == "file" and is_manifest(Path(tree)):  # type: ignore[arg-type]
         beside = given.keys() - {"watchdog"}
         if beside:
             name = sorted(beside)[0]

@@ -17,7 +17,7 @@ from secrets import token_hex
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.core.share import write_atomically
+from bt_dualarm.core.share import kind_at, write_atomically
 from bt_dualarm.sweeps.job import COST_COLUMNS, CRASHED, Row
 from bt_dualarm.sweeps.manifest import SweepError
 
@@ -224,7 +224,7 @@ def _tables_in(folder: Path) -> list[pa.Table]:
     Raises:
         SweepError: It is not one of a sweep, or a file cannot be read.
     """
-    if not (folder / ROWS).is_dir():
+    if kind_at(folder / ROWS) != "folder":
         raise SweepError(f"{folder} is not the output of a sweep: it has no folder '{ROWS}'")
     while True:
         tables = []

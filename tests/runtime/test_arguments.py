@@ -50,6 +50,25 @@ def test_of_paths(folder: Path, what: str, call: Callable[[Any], object], value:
     assert [path.name for path in folder.iterdir() if path.name != "__pycache__"] == ["alarm.py"]
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        bt.run,
+        bt.check,
+        bt.load,
+        lambda long: bt.run(TREE, record=long),
+        lambda long: bt.run(TREE, skills=[long]),
+        lambda long: bt.run(TREE, faults=long),
+        lambda long: bt.sweep(long, out="out"),
+        lambda long: bt.compare(long, long),
+    ],
+)
+def test_of_names_that_no_file_can_have(call: Callable[[str], object]) -> None:
+    """A system that looks them up reports an error instead of their absence."""
+    with pytest.raises(bt.DualArmError):
+        call("x" * 300)
+
+
 @pytest.mark.parametrize("call", [bt.run, bt.check, lambda tree: bt.sweep(tree, out="out")])
 @pytest.mark.parametrize("value", ["", " ", None, 3, b"circle", []])
 def test_of_trees(call: Callable[[Any], object], value: object) -> None:
