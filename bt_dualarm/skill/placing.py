@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -33,6 +34,11 @@ from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _UP: Final = np.array((0.0, 0.0, 1.0))
+
+_MEANT_RAD: Final = np.radians(20.0)
+"""Tilt up to which an object is set down on the side that is nearest to being down."""
+
+_PARALLEL: Final = 1e-9  # sine of the angle between two directions that are the same or opposite
 
 _TIPS_RAD: Final = np.radians(2.0)
 """Tilt from which a goal without an orientation is leveled: noise tilts objects by less."""
@@ -311,25 +317,52 @@ class SettingDown:
         return object_pose
 
     def level(self, goal: Pose) -> Pose:
-        """The goal; if the object would tip there, the nearest one with a vertical axis.
+        """The goal; if the object would tip there, the nearest one in which it stands.
 
         For a goal without an orientation of its own: an arm that was halted in the middle of a
-        motion holds an object tilted, as no plan would have ended. The position is that of the
-        object's frame, or one that follows from its lowest point in the tilted pose, such as a goal
-        on something: of both, the one nearer to a support counts.
+        motion holds an object tilted, or upside down, as no plan would have ended. It stands on the
+        side that is nearly down, otherwise as it stood where the gripper picked it. The
+        position is that of the object's frame, or one that follows from its lowest point in the
+        tilted pose, such as a goal on something: of both, the one nearer to a support counts.
 
         Args:
             goal: Pose of the object in the world.
         """
-        with suppress(Failure):
-            support = self._support_at(goal)
-            if support is None or support.tilt < _TIPS_RAD:
-                return goal
         axes = goal.rotation_matrix
         nearest = int(np.argmax(np.abs(axes[2])))
-        axis = axes[:, nearest] * np.sign(axes[2, nearest])
+        with suppress(Failure):
+            support = self._support_at(goal)
+            # A tilted object may be too high for what it would stand on upright.
+            is_upright = np.abs(axes[2, nearest]) > math.cos(_TIPS_RAD)
+            if is_upright if support is None else support.tilt < _TIPS_RAD:
+                return goal
+        upward = [np.eye(3)[nearest] * np.sign(axes[2, nearest])]
+        if self._held.lay is not None:
+            is_meant = np.abs(axes[2, nearest]) > math.cos(_MEANT_RAD)
+            upward.insert(int(is_meant), self._held.lay.rotation_matrix[2])
+        for up in upward:
+            found = self._standing(goal, up)
+            if found is not None:
+                return found
+        return goal
+
+    def _standing(self, goal: Pose, up: Vector) -> Pose | None:
+        """The goal after the smallest rotation that makes an axis of the object point up.
+
+        Args:
+            goal: Pose of the object in the world.
+            up: The axis, of shape (3,).
+
+        Returns:
+            The pose; None if the object does not stand in that.
+        """
+        axis = goal.turn(up)
         across = np.cross(axis, _UP)
-        turn = across * (np.arccos(min(axis[2], 1.0)) / max(float(np.linalg.norm(across)), 1e-12))
+        if float(np.linalg.norm(across)) < _PARALLEL:  # it is upside down: any such turn will do
+            across = goal.rotation_matrix[:, int(np.argmin(np.abs(up)))]
+            across -= (across @ _UP) * _UP
+        angle = np.arccos(np.clip(axis[2], -1.0, 1.0))
+        turn = across * (angle / float(np.linalg.norm(across)))
         quaternion = product(from_rotation_vectors(turn[None]), goal.quaternion[None])[0]
         leveled = Pose(goal.position, quaternion)
         solid = body_of(self._arm.world.objects[self._name]).solid
@@ -340,7 +373,7 @@ class SettingDown:
                 support = self._support_at(pose)
                 if support is not None:
                     found.append((abs(support.below), pose))
-        return min(found, key=lambda one: one[0])[1] if found else goal
+        return min(found, key=lambda one: one[0])[1] if found else None
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
         """Wait until the released object rests, and check its true pose, as a referee.

@@ -56,6 +56,35 @@ def test_an_object_that_is_held_tilted_is_placed_upright(
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize("angle", [-120, 147])
+def test_an_object_that_is_held_upside_down_is_placed_as_it_stood(
+    robot: str, angle: float, stage: Stage
+) -> None:
+    """So an arm held a can that was halted on its way around: the hand would be in the floor.
+
+    Tilted by 120°, it was lowered until something else touched: its lowest point is too high.
+    """
+    can = {"shape": "cylinder", "size": [0.02, 0.12], "mass": 0.1}
+    site: Tree = {"shape": "box", "size": [0.2, 0.2, 0.2], "mass": 1, "fixed": True}
+    objects: Tree = {
+        "can": can | {"pose": {"xyz": [0.45, -0.3, 0.2605]}},
+        "from": site | {"pose": {"xyz": [0.45, -0.3, 0.1]}},
+        "to": site | {"pose": {"xyz": [0.45, 0.2, 0.1]}},
+    }
+    gripper = "panda_hand" if robot == "panda" else "robotiq_2f85"
+    arm = GRIPPING | {"robot": robot, "gripper": gripper}
+    leaves: list[Tree] = [
+        {"grasp": {"object": "can"}},
+        {"transport": {"to": {"xyz": [0.4, 0, 0.6]}}},
+        {"rotate_tool": {"angle": angle, "axis": [1, 0, 0], "frame": "world"}},
+        {"place": {"at": {"xyz": [0.45, 0.2, 0.2605]}}},
+    ]
+    play = stage.run(Scenario(objects, arm=arm, scene="empty").file(*leaves))
+    assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
+    assert play.world.object_pose("can").rotation_matrix[2, 2] > 0.9999
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
 @pytest.mark.parametrize("angle", [4.9, 8, 25])
 def test_a_long_object_that_is_held_tilted_is_placed_on_something(
     robot: str, angle: float, stage: Stage
