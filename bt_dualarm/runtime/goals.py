@@ -220,14 +220,24 @@ class Referee(IdleObserver):
     def _held_otherwise(self, one: ConditionSpec) -> str:
         if one.object is None or (one.held is None and one.held_by is None):
             return ""
-        holders = [held.arm for held in self._world.attachments if held.object == one.object]
+        holders = {
+            held.arm: held.object
+            for held in self._world.attachments
+            if held.object == one.object or self._moves_on(held.object, one.object)
+        }
         if one.held_by is not None and one.held_by not in holders:
             return f"{one.held_by} does not hold {one.object}"
         if one.held is True and not holders:
             return f"no arm holds {one.object}"
         if one.held is False and holders:
-            return f"{holders[0]} holds {one.object}"
+            arm, held = next(iter(holders.items()))
+            return f"{arm} holds {held}"
         return ""
+
+    def _moves_on(self, part: str, obj: str) -> bool:
+        """Whether a part, which has a name of its own, moves on a joint of an object."""
+        joint = self._world.objects[part].joint
+        return joint is not None and joint.owner == obj
 
     def _too_fast(self, one: ConditionSpec, subject: str) -> str:
         if one.speed is None:

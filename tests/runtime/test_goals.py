@@ -181,3 +181,50 @@ def test_an_object_that_a_fault_has_taken_away_meets_no_goal(goal: dict[str, Any
         [found] = bt.run(file).goals.values()
         assert found.met is met
         assert found.reason == ("" if met else "cube is taken away by the fault 'gone'")
+
+
+def test_an_arm_that_holds_a_handle_holds_the_door() -> None:
+    """`held: false` was met: what moves on a joint is held under a name of its own."""
+
+    def part(size: list[float], at: list[float]) -> dict[str, Any]:
+        return {"shape": "box", "size": size, "pose": {"xyz": at}}
+
+    door = {
+        "shape": "compound",
+        "mass": 5,
+        "fixed": True,
+        "pose": {"xyz": [0.2, -0.6, 0.35]},
+        "parts": {
+            "post": {"shape": "box", "size": [0.04, 0.04, 0.6]},
+            "panel": part([0.3, 0.02, 0.5], [0.17, 0, 0]),
+            "handle": part([0.014, 0.014, 0.1], [0.28, 0.05, 0]),
+            "stem": part([0.014, 0.05, 0.014], [0.28, 0.025, 0]),
+        },
+        "joints": {
+            "hinge": {"type": "hinge", "parts": ["panel", "handle", "stem"], "axis": [0, 0, 1]}
+            | {"anchor": [0.02, 0, 0], "range": [0, 100]}
+        },
+    }
+    goals: dict[str, Any] = {
+        "free": {"held": False},
+        "held": {"held": True},
+        "by": {"held_by": "a"},
+    }
+    arm: dict[str, Any] = {"robot": "ur5e", "gripper": "robotiq_2f85"}
+    grasp: dict[str, Any] = {"grasp": {"object": "door", "part": "handle"}}
+    for leaves, reasons in (
+        ([grasp], {"free": "a holds door.hinge", "held": "", "by": ""}),
+        (
+            [grasp, "release"],
+            {"free": "", "held": "no arm holds door", "by": "a does not hold door"},
+        ),
+    ):
+        file = {
+            "bt_dualarm": 1,
+            "world": {"scene": "empty"},
+            "objects": {"door": door},
+            "arms": {"a": arm | {"tree": {"sequence": leaves}}},
+            "goal": {name: {"object": "door"} | goal for name, goal in goals.items()},
+        }
+        found = bt.run(file).goals
+        assert {name: goal.reason for name, goal in found.items()} == reasons
