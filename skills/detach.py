@@ -41,7 +41,7 @@ class Detach(Skill):
         name = self.ports.object
         if name not in self.arm.held:
             # What a joint of an object moves is held under a name of its own: `door.hinge`.
-            name = next((part for part in self.arm.held if self._moves_on(part)), name)
+            name = next((part for part in self.arm.held if world.moves_on(part, name)), name)
         held = world.attachments.find(self.arm.name, name)
         if held is not None and held.by_gripper and self.arm.gripper.holding:
             raise Failure(
@@ -69,8 +69,3 @@ class Detach(Skill):
             )
         if is_tied_to(self.arm, name):
             raise Failure("STILL_HELD", f"{name!r} is supported, but sticks to the tool")
-
-    def _moves_on(self, part: str) -> bool:
-        """Whether a joint of the object to release moves the held part."""
-        joint = self.arm.world.objects[part].joint
-        return joint is not None and joint.owner == self.ports.object

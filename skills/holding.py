@@ -31,7 +31,10 @@ class Holding(Skill):
                 width_m=gripper.width,
                 force_n=gripper.force,
             )
-        if wanted is not None and wanted not in gripper.held:
+        # What a joint of an object moves is held under a name of its own: `door.hinge`.
+        if wanted is not None and not any(
+            held == wanted or self.arm.world.moves_on(held, wanted) for held in gripper.held
+        ):
             known = ", ".join(gripper.held) or "an object that was not named when it was grasped"
             raise Failure("NOT_HOLDING", f"it holds {known}, not {wanted!r}")
         return

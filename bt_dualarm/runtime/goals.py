@@ -223,7 +223,7 @@ class Referee(IdleObserver):
         holders = {
             held.arm: held.object
             for held in self._world.attachments
-            if held.object == one.object or self._moves_on(held.object, one.object)
+            if held.object == one.object or self._world.moves_on(held.object, one.object)
         }
         if one.held_by is not None and one.held_by not in holders:
             return f"{one.held_by} does not hold {one.object}"
@@ -233,11 +233,6 @@ class Referee(IdleObserver):
             arm, held = next(iter(holders.items()))
             return f"{arm} holds {held}"
         return ""
-
-    def _moves_on(self, part: str, obj: str) -> bool:
-        """Whether a part, which has a name of its own, moves on a joint of an object."""
-        joint = self._world.objects[part].joint
-        return joint is not None and joint.owner == obj
 
     def _too_fast(self, one: ConditionSpec, subject: str) -> str:
         if one.speed is None:

@@ -320,6 +320,11 @@ class World(WorldView):
         """
         return {geom for each in self._carried_with(name) for geom in self.object_geoms(each)}
 
+    def moves_on(self, part: str, obj: str) -> bool:
+        """Whether a part, named as ``door.hinge``, moves on a joint of an object."""
+        joint = self._file.objects[part].joint
+        return joint is not None and joint.owner == obj
+
     def carried_by(self, arm: str) -> tuple[str, ...]:
         """Names of the objects that an arm holds, what moves on their joints, and passengers."""
         return tuple(
@@ -422,12 +427,7 @@ class World(WorldView):
 
     def _with_moved(self, name: str) -> list[str]:
         """The object, and what moves on its joints."""
-        moved = [
-            other
-            for other, obj in self._file.objects.items()
-            if obj.joint is not None and obj.joint.owner == name
-        ]
-        return [name, *moved]
+        return [name, *(other for other in self._file.objects if self.moves_on(other, name))]
 
     def _refuse_part_on_joint(self, name: str) -> None:
         """Refuse to add or remove a part alone: its joint is one of the object it belongs to."""

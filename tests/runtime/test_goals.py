@@ -213,7 +213,10 @@ def test_an_arm_that_holds_a_handle_holds_the_door() -> None:
     arm: dict[str, Any] = {"robot": "ur5e", "gripper": "robotiq_2f85"}
     grasp: dict[str, Any] = {"grasp": {"object": "door", "part": "handle"}}
     for leaves, reasons in (
-        ([grasp], {"free": "a holds door.hinge", "held": "", "by": ""}),
+        (
+            [grasp, {"holding": {"object": "door"}}],
+            {"free": "a holds door.hinge", "held": "", "by": ""},
+        ),
         (
             [grasp, "release"],
             {"free": "", "held": "no arm holds door", "by": "a does not hold door"},
@@ -226,5 +229,7 @@ def test_an_arm_that_holds_a_handle_holds_the_door() -> None:
             "arms": {"a": arm | {"tree": {"sequence": leaves}}},
             "goal": {name: {"object": "door"} | goal for name, goal in goals.items()},
         }
-        found = bt.run(file).goals
+        ended = bt.run(file)
+        assert ended.outcome == "SUCCESS", str(ended)
+        found = ended.goals
         assert {name: goal.reason for name, goal in found.items()} == reasons
