@@ -10,6 +10,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+import scipy
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at
@@ -37,8 +38,6 @@ _UP: Final = np.array((0.0, 0.0, 1.0))
 
 _MEANT_RAD: Final = np.radians(20.0)
 """Tilt up to which an object is set down on the side that is nearest to being down."""
-
-_PARALLEL: Final = 1e-9  # sine of the angle between two directions that are the same or opposite
 
 _TIPS_RAD: Final = np.radians(2.0)
 """Tilt from which a goal without an orientation is leveled: noise tilts objects by less."""
@@ -356,15 +355,8 @@ class SettingDown:
         Returns:
             The pose; None if the object does not stand in that.
         """
-        axis = goal.turn(up)
-        across = np.cross(axis, _UP)
-        if float(np.linalg.norm(across)) < _PARALLEL:  # it is upside down: any such turn will do
-            across = goal.rotation_matrix[:, int(np.argmin(np.abs(up)))]
-            across -= (across @ _UP) * _UP
-        angle = np.arccos(np.clip(axis[2], -1.0, 1.0))
-        turn = across * (angle / float(np.linalg.norm(across)))
-        quaternion = product(from_rotation_vectors(turn[None]), goal.quaternion[None])[0]
-        leveled = Pose(goal.position, quaternion)
+        turn, _ = scipy.spatial.transform.Rotation.align_vectors(_UP, goal.turn(up))
+        leveled = Pose.from_rotation(goal.position, turn * goal.rotation)
         solid = body_of(self._arm.world.objects[self._name]).solid
         depths = [solid.reach(pose.inverse.turn(-_UP)) for pose in (goal, leveled)]
         found: list[tuple[float, Pose]] = []

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.skill.placing import SettingDown
+from bt_dualarm.spec.document import ObjectSpec
 from tests.plays import Stage
 from tests.skills.scenarios import GRIPPING, Scenario, Tree
 from tests.skills.test_unnamed_objects import failure
@@ -103,3 +110,20 @@ def test_a_long_object_that_is_held_tilted_is_placed_on_something(
     assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
     assert float(play.leaf("place").metrics["placed_turned_rad"]) < 0.01
     assert play.world.object_pose("bar").position[2] == pytest.approx(0.4655, abs=0.002)
+
+
+@pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.7), (np.pi, 0.0, 0.0), (0.0, 2.5, 0.3)])
+def test_an_object_is_turned_upright_from_any_orientation(rpy: tuple[float, float, float]) -> None:
+    """Exactly upright or upside down, no direction to turn in follows from the two axes."""
+    world = SimpleNamespace(
+        objects={"box": ObjectSpec(shape="box", size=(0.05, 0.05, 0.1), mass=0.1)}
+    )
+    setting_down: Any = SimpleNamespace(
+        _arm=SimpleNamespace(world=world),
+        _name="box",
+        _support_at=lambda _: SimpleNamespace(below=0.0),
+    )
+    goal = Pose.from_rpy((0.5, 0.0, 0.05), rpy)
+    found = SettingDown._standing(setting_down, goal, np.array((0.0, 0.0, 1.0)))
+    assert found is not None
+    assert found.rotation_matrix[2, 2] == pytest.approx(1.0)
