@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.random_programs import Dice
-from benchmarks.task_parts import REACH, Task, armed, around, file_of, stand, stands
+from benchmarks.task_parts import REACH, Task, armed, around, file_of, fixture, stand, stands
 from benchmarks.why_mistake import Tree, box
 from bt_dualarm.core.pose import Pose
 
@@ -398,15 +398,6 @@ def _springs(dice: Dice) -> Task:
     loose = 0.012 if kind == "button" else 8.0
     if joint["spring"] == 0:
         del joint["spring"]
-    fixture = {
-        "shape": "compound",
-        "mass": 5,
-        "fixed": True,
-        "color": "white",
-        "pose": {"xyz": at, "rpy": [0, 0, yaw]},
-        "parts": parts,
-        "joints": {"axle": joint},
-    }
     of: Tree = {"object": "device", "joint": "axle"}
     near = [round(there - loose, 4), round(there + loose, 4)]
     leaves: list[Tree] = [
@@ -422,7 +413,7 @@ def _springs(dice: Dice) -> Task:
     else:
         goals = {}
     leaves += [{"release": {}}, {"go_home": {}}]
-    tree = file_of(dice, {"device": fixture}, {"arm1": arm})
+    tree = file_of(dice, {"device": fixture(at, yaw, parts, joint)}, {"arm1": arm})
     return Task(tree, leaves, object="device", goal=at, reach=reach, duration=90.0, goals=goals)
 
 

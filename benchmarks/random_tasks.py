@@ -42,6 +42,7 @@ from benchmarks.task_parts import (
     armed,
     around,
     file_of,
+    fixture,
     gripper_of,
     stand,
     stands,
@@ -375,15 +376,6 @@ def _doors(dice: Dice) -> Task:
         }
         there = dice.number(0.06, 0.12)
         tolerance = 0.006
-    fixture = {
-        "shape": "compound",
-        "mass": 5,
-        "fixed": True,
-        "color": "white",
-        "pose": {"xyz": at, "rpy": [0, 0, yaw]},
-        "parts": parts,
-        "joints": {"axle": joint},
-    }
     of: Tree = {"object": "chest", "joint": "axle"}
     leaves: list[Tree] = [
         {"grasp": {"object": "chest", "part": "bar", "then_to": there}},
@@ -392,7 +384,7 @@ def _doors(dice: Dice) -> Task:
         {"release": {}},
         {"go_home": {}},
     ]
-    tree = file_of(dice, {"chest": fixture}, {"arm1": arm})
+    tree = file_of(dice, {"chest": fixture(at, yaw, parts, joint)}, {"arm1": arm})
     goals = {"shut": of | {"between": [-tolerance, tolerance]}}
     return Task(tree, leaves, object="chest", goal=at, reach=reach, duration=90.0, goals=goals)
 

@@ -109,6 +109,19 @@ def stand(at: Sequence[float], size: float = 0.12) -> Tree:
     return box((size, size, height), (at[0], at[1], round(height / 2, 4)))
 
 
+def fixture(at: Sequence[float], yaw: float, parts: Tree, joint: Tree) -> Tree:
+    """A fixed object with a joint ``axle``; the yaw is in degrees."""
+    return {
+        "shape": "compound",
+        "mass": 5,
+        "fixed": True,
+        "color": "white",
+        "pose": {"xyz": at, "rpy": [0, 0, yaw]},
+        "parts": parts,
+        "joints": {"axle": joint},
+    }
+
+
 def stands(name: str, at: Sequence[float], within: float = 0.01) -> Tree:
     """A goal: an object stands at a position, and nobody holds it."""
     return {name: {"object": name, "at": {"xyz": [*at]}, "within": within, "held": False}}

@@ -33,7 +33,7 @@ from bt_dualarm.core.errors import (
 )
 from bt_dualarm.core.free_axes import FreeAxes, nearest_allowed
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.kinematics.inverse_kinematics import Preference, refuse_beyond
+from bt_dualarm.kinematics.inverse_kinematics import Preference, refuse_beyond, refuse_no_angles
 from bt_dualarm.kinematics.solver import Chain, different
 from bt_dualarm.planning.path_constraints import POSES, ConstrainedProblem, PathConstraint
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
@@ -765,15 +765,13 @@ class ArmMotions(ArmState):
             raise Failure(
                 "INVALID_TARGET", "there is no goal: at least one configuration is needed"
             )
-        dof = self.robot.dof
+        joints = self.robot.joints
         for goal in found:
             if goal.ndim == 0:
-                why = f"each goal is a configuration of {dof} angles: a single one is given as [q]"
+                why = "each goal is a configuration of"
+                why = f"{why} {len(joints)} angles: a single one is given as [q]"
                 raise Failure("INVALID_TARGET", why)
-            if goal.shape != (dof,):
-                raise Failure(
-                    "INVALID_TARGET", f"{goal.tolist()} are not the angles of {dof} joints"
-                )
+            refuse_no_angles(joints, goal)
         return found
 
     def _plan_once(

@@ -574,6 +574,16 @@ class _Followed:
         return self.condition <= SINGULAR_CONDITION and not self.cramped
 
 
+def refuse_no_angles(joints: Sequence[str], q: Vector) -> None:
+    """Check that a configuration has a finite angle, in rad, for each joint.
+
+    Raises:
+        Failure: ``INVALID_TARGET``.
+    """
+    if q.shape != (len(joints),) or not np.isfinite(q).all():
+        raise Failure("INVALID_TARGET", f"{q.tolist()} are not the angles of {len(joints)} joints")
+
+
 def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None:
     """Check a target configuration, of shape (dof,), rad, before anything moves.
 
@@ -581,8 +591,7 @@ def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None
         Failure: ``INVALID_TARGET`` for a wrong shape or an element that is not finite;
             ``JOINT_LIMIT`` with the joint that is farthest beyond its limit.
     """
-    if q.shape != (len(joints),) or not np.isfinite(q).all():
-        raise Failure("INVALID_TARGET", f"{q.tolist()} are not the angles of {len(joints)} joints")
+    refuse_no_angles(joints, q)
     beyond = np.maximum(limits.lower - q, q - limits.upper)
     worst = int(np.argmax(beyond))
     if beyond[worst] > 1e-9:

@@ -31,7 +31,7 @@ from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.distance import HANDS_APART_M, HANDS_M, PLANNING_MARGIN_M
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import (
     TOUCHING,
     Obstacle,
@@ -404,7 +404,7 @@ class HandoverSearch:
             refuse_overload(holding, self._world.robots[self._giver])
         except Failure:
             return False
-        return checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None
+        return _is_free(checker, rows)
 
     def _can_leave(self, q: Vector, taker: Pose, checker: CollisionChecker) -> bool:
         """Whether the giver has a retreat, as `retreat_from` tries them, past the taker.
@@ -425,7 +425,7 @@ class HandoverSearch:
                     rows = kinematics.follow_on(line(here, here.shifted(away)).poses, q)
                 except Failure:
                     continue
-                if checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None:
+                if _is_free(checker, rows):
                     return True
         return False
 
@@ -896,6 +896,11 @@ def retreat_directions(arm: Arm, partner: str) -> list[Vector]:
     has_gripper = arm.name in arm.world.grippers
     has_fingers = has_gripper and bool(arm.gripper.description.fingers)
     return _directions_from(here, other, has_fingers=has_fingers)
+
+
+def _is_free(checker: CollisionChecker, rows: Matrix) -> bool:
+    """Whether nothing is touched at some of many configurations, of shape (n, dof), rad."""
+    return checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None
 
 
 def _directions_from(here: Pose, other: Vector, *, has_fingers: bool) -> list[Vector]:

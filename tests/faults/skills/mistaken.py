@@ -61,14 +61,12 @@ def bending(arm: Arm) -> Iterator[float | None]:
     yield from arm.follow(Trajectory(arm.period, q, v, np.gradient(v, arm.period, axis=0)))
 
 
-def checked(arm: Arm) -> Iterator[float | None]:
-    arm.refuse_collision(np.zeros(2))
-    yield None
+def calling(act: Callable[[Arm], object]) -> Callable[[Arm], Iterator[float | None]]:
+    def run(arm: Arm) -> Iterator[float | None]:
+        act(arm)
+        yield None
 
-
-def looked(arm: Arm) -> Iterator[float | None]:
-    camera_now(arm)
-    yield None
+    return run
 
 
 MISTAKES: dict[str, Callable[[Arm], Iterator[float | None]]] = {
@@ -77,8 +75,8 @@ MISTAKES: dict[str, Callable[[Arm], Iterator[float | None]]] = {
     "a goal of two joints": traveling(lambda _: [np.zeros(2)]),
     "speed 0": traveling(lambda arm: [arm.q], 0.0),
     "speed 2": traveling(lambda arm: [arm.q], 2.0),
-    "a configuration of two joints": checked,
-    "no camera": looked,
+    "a configuration of two joints": calling(lambda arm: arm.refuse_collision(np.zeros(2))),
+    "no camera": calling(camera_now),
     "a stream of arrays": streaming(lambda arm: arm.q),
     "a stream of lists": streaming(lambda arm: SetPoint(arm.q.tolist(), [0], [0])),  # type: ignore[arg-type]
     "a stream of two joints": streaming(lambda _: SetPoint(*np.zeros((3, 2)))),
