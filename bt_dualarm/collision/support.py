@@ -75,6 +75,7 @@ class Support:
             not in a stable position above its round lower side.
         carrier: Object in another arm's hand that is part of the support; empty if there is none.
         heading: Direction of the horizontal axes of what it stands on, rad, up to quarter turns.
+        bodies: Names of the bodies it rests on.
     """
 
     below: float
@@ -85,6 +86,7 @@ class Support:
     topples: bool = False
     carrier: str = ""
     heading: float = 0.0
+    bodies: frozenset[str] = frozenset()
 
     @property
     def slides(self) -> bool:
@@ -138,8 +140,10 @@ def support_below(
     carrier = next(filter(None, (rays.carrier_of(hit.geom) for hit in bearing)), "")
     slope = max((hit.slope for hit in bearing), default=0.0)
     heading = _heading(world, bearing[0].geom) if bearing else 0.0
-    support = partial(Support, carrier=carrier, heading=heading)
-    coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
+    model = world.model
+    bodies = frozenset(model.body(model.geom_bodyid[hit.geom]).name for hit in bearing)
+    support = partial(Support, carrier=carrier, heading=heading, bodies=bodies)
+    coefficients = [float(model.geom_friction[hit.geom, 0]) for hit in bearing]
     # MuJoCo combines the friction of two geoms by their maximum.
     friction = max(spec.friction, min(coefficients, default=0.0))
     axis = pose.rotation_matrix[:, 2]

@@ -94,20 +94,20 @@ def came_along(
         is_open = bool(description.fingers) and gripper.width > goal + _MET_M
         if arm.time - began > (lasts + _BOUNCES_S if is_open else lasts):
             return is_open
-        if (
-            description.fingers
-            and gripper.at_rest
-            and gripper.width <= goal + description.resolution
-        ):
-            return False
+        if description.fingers and not is_open:
+            return False  # what sticks to a pad would have stopped the fingers at its width
         if not gripper.holding:
             since = arm.time
         elif arm.time - since >= _LASTS_S:
-            return not description.fingers or is_open
+            return True
         yield 1.0
 
 
-_APART_M: Final = 0.0015  # opening on each side of the object at which the retreat begins
+_APART_M: Final = 0.0015  # least opening on each side of the object, where there is room for it
+_BEGINS_M: Final = 0.00075
+"""Opening on each side of it at which the retreat begins: that rises by 0.3 mm in its first 0.05 s,
+in which the fingers open farther."""
+
 _ROOMS: Final = (0.01, 0.007, 0.005, 0.0035, 0.0025, _APART_M)
 """Openings on each side of it at the release, the preferred one first, m: fingers that open into a
 wall press against it, and would drag it along as they retreat."""
@@ -117,7 +117,7 @@ _TIGHT_M: Final = 0.0008
 _LOOSE_M: Final = 0.0005
 """Opening on each side of it with which fingers that a wall stops can leave it as well."""
 
-_FREE_M: Final = 0.006  # height above the goal down to which the path must be free
+_FREE_M: Final = 0.0055  # height above the goal down to which the path must be free
 _LEARNED_S: Final = 0.1  # time for a compliant arm to learn its friction before contact
 _BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
 
@@ -125,8 +125,15 @@ _EXPECTED_M_S: Final = 0.002
 """Highest speed where contact is expected, m/s."""
 
 _SURE_M: Final = 0.00055
-"""Height above the goal from which contact is expected. An arm that has seen the object touches the
-support within 0.2 mm of where it expects it; a declared pose may be off by half a millimeter."""
+"""Height above the expected contact from which it may occur: a declared pose may be off by half a
+millimeter."""
+
+_SAME_SURE_M: Final = 0.0002
+"""The same for an object that is to stand on what it stood on when it was picked: the arm touches
+it within 0.1 mm of where it expects it, in `lab` and `rough`."""
+
+_AS_STOOD_RAD: Final = np.radians(2.0)
+"""Largest angle between the upward axes of an object for it to stand as it stood."""
 
 _NEARING_S: Final = 0.05
 """Increase of height over that of the highest speed, s: a contact is the less likely, and may be
@@ -163,6 +170,7 @@ _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach
 _HEADING_RAD: Final = np.radians(15.0)  # steps of the headings to try where any will do
 _SAME_HEADING: Final = 1e-3  # rotation that makes no difference to a heading, rad
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
+_EFFORT: Final = 2  # time to check a free one, in those of one that is refused: two take 8 ms
 
 
 class SettingDownPorts(PortModel):
@@ -224,6 +232,19 @@ class _Descent:
     turned: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Expected:
+    """Where the held object is expected to touch its support.
+
+    Attributes:
+        height: Height of the tool above that with the object at its goal, m.
+        sure: Height above that from which contact may occur, m.
+    """
+
+    height: float = 0.0
+    sure: float = _SURE_M
+
+
 class SettingDown:
     """Placing of one held object.
 
@@ -270,6 +291,7 @@ class SettingDown:
         self._force = ports.force
         self._search = ports.search
         self._carrier = ""
+        self._contact = _Expected()
         self._room = _ROOMS[0]
         self._needs_room = True
         self._is_cramped = False
@@ -294,7 +316,6 @@ class SettingDown:
         grip.look()
         began_s = arm.time
         found = self._support_at(goal)
-        yield None
         attachments = arm.world.attachments
         if found is not None and found.carrier:
             self._carrier = found.carrier
@@ -426,6 +447,31 @@ class SettingDown:
             friction=found.friction,
         )
 
+    def _expected_contact(self, goal: Pose) -> _Expected:
+        """Where the object will touch its support.
+
+        An object that stood on the same thing when the gripper picked it touches that again where
+        it left it: what is wrong with its declared or seen height, and with that of the support,
+        is the same both times.
+
+        Args:
+            goal: Pose of the object in the world.
+        """
+        lay = self._held.lay
+        if lay is None or self._carrier:
+            return _Expected()
+        up = lay.rotation_matrix[2] @ goal.rotation_matrix[2]
+        if up < math.cos(_AS_STOOD_RAD):
+            return _Expected()
+        stood, stands = (
+            support_below(self._arm.world, self._name, pose, _LIKELY_M, _LIKELY_M)
+            for pose in (lay, goal)
+        )
+        if stood is None or stands is None or stood.bodies != stands.bodies:
+            return _Expected()
+        height = stood.below - stands.below
+        return _Expected(height, _SAME_SURE_M) if abs(height) < _LIKELY_M / 2.0 else _Expected()
+
     def _go_down(self, goal: Pose, grip: Grip, began_s: float) -> Iterator[float | None]:
         """Move above the goal, in a branch that allows descent and retreat, and lower the object.
 
@@ -446,6 +492,7 @@ class SettingDown:
 
         def above() -> Generator[None, None, Trajectory]:
             descents[:] = [(yield from self._descent(goal, move))]
+            self._contact = self._expected_contact(descents[0].goal)
             starts = [rows[0] for rows in descents[0].branches]
             turned[:] = arm.turned(descents[0].branches)
             first_s = began.pop() if began else None
@@ -505,9 +552,11 @@ class SettingDown:
         start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
         self._top = min(_EXPECTED_M_S, arm.least_speed(low, ports.down_speed))
 
+        sure = self._contact.height + self._contact.sure
+
         def most_m_s(lengths: Vector) -> Vector:
             height = start - lengths
-            near = np.clip(self._top + (height - _SURE_M) / _NEARING_S, self._top, _NEARING_M_S)
+            near = np.clip(self._top + (height - sure) / _NEARING_S, self._top, _NEARING_M_S)
             bound: Vector = np.where(height > _FREE_M, np.inf, near)
             return bound
 
@@ -577,7 +626,7 @@ class SettingDown:
             arm.refuse_when_held_up(running, wait_s)
 
         def is_expected() -> bool:
-            return bool(abs(arm.tool_pose.position[2] - tool().position[2]) < _EXPECTED_M)
+            return abs(self._height_of(arm.tool_pose, tool()) - self._contact.height) < _EXPECTED_M
 
         def touched() -> None:
             self._touched = arm.tool_pose
@@ -749,7 +798,7 @@ class SettingDown:
         The arm and the held object are collision-free down to `_FREE_M`, and the arm alone on
         the retreat. Branches in which only another retreat is possible, see `_retreats`, count
         where there are no others, or where something rides on the object: an arm that has to keep
-        that upright can hardly leave its branch. Yields once per tick, for one or two branches.
+        that upright can hardly leave its branch. Yields once per tick, for three to six branches.
 
         Args:
             tool: Pose of the tool in the world.
@@ -770,6 +819,7 @@ class SettingDown:
         narrow: list[Matrix] = []
         refusals: list[Failure] = []
         retreats = self._retreats(tool)
+        effort = 0
         for down, low, _ in arm.lines(*corners):
             try:
                 arm.refuse_collision_along(down)
@@ -784,15 +834,17 @@ class SettingDown:
                     else:
                         (found if retreat is retreats[0] else narrow).append(down)
                         break
+                effort += _EFFORT
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
                 if arm.is_of_hand(failure):
                     break
-                if len(refusals) % 2:
-                    continue  # most are found out soon: two are checked in one tick
-            yield
+                effort += 1
             if len(found) == _BRANCHES or len(refusals) == MOST_BRANCHES:
                 break
+            if effort >= 3 * _EFFORT:
+                effort = 0
+                yield
         if narrow and (not found or arm.world.passengers_of(self._name)):
             found = [*found, *narrow]
         if not found:
@@ -841,13 +893,18 @@ class SettingDown:
 
     def _height(self, tool: Pose) -> float:
         """Height above a pose at which the tool made contact, from the encoders, m."""
-        return float(self._touched.position[2] - tool.position[2])
+        return self._height_of(self._touched, tool)
+
+    @staticmethod
+    def _height_of(pose: Pose, tool: Pose) -> float:
+        """Height of a pose above another one, m."""
+        return float(pose.position[2] - tool.position[2])
 
     def _release(self, width: float, object_pose: Pose) -> Iterator[float | None]:
         """Open, retreat, and check that the object did not come along.
 
-        The retreat begins as soon as there is `_APART_M` on each side of the object. An object that
-        is still in the gripper is attached again.
+        The retreat begins as soon as there is `_BEGINS_M` on each side of the object. An object
+        that is still in the gripper is attached again.
 
         Args:
             width: Opening of the fingers when they held it, m.
@@ -882,7 +939,7 @@ class SettingDown:
         has_room = self._room >= _APART_M
         try:
             for _ in gripper.until_open():
-                if has_room and gripper.width >= width + 2.0 * _APART_M:
+                if has_room and gripper.width >= width + 2.0 * _BEGINS_M:
                     return
                 yield 0.85
             if has_room:
