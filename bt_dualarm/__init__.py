@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.cell import CellWait as CellWait
     from bt_dualarm.skill.condition import Condition as Condition
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
+    from bt_dualarm.skill.grasp_approach import UnsuitedGoalFailure as UnsuitedGoalFailure
     from bt_dualarm.skill.grasp_search import GRAVITY as GRAVITY
     from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
@@ -145,6 +146,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.picking import twin_at as twin_at
     from bt_dualarm.skill.placing import SettingDown as SettingDown
     from bt_dualarm.skill.placing import SettingDownPorts as SettingDownPorts
+    from bt_dualarm.skill.placing import other_headings as other_headings
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
@@ -329,6 +331,7 @@ _CONTENTS: Final = {
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
     "half_open": "skill.grasp_search:half_open",
+    "UnsuitedGoalFailure": "skill.grasp_approach:UnsuitedGoalFailure",
     "poses_alike": "skill.symmetry:poses_alike",
     "true_error": "skill.symmetry:true_error",
     "RankedGrasp": "grasping.candidates:RankedGrasp",
@@ -345,6 +348,7 @@ _CONTENTS: Final = {
     "InsertingPorts": "skill.inserting:InsertingPorts",
     "SettingDown": "skill.placing:SettingDown",
     "SettingDownPorts": "skill.placing:SettingDownPorts",
+    "other_headings": "skill.placing:other_headings",
     "Taking": "skill.picking:Taking",
     "TakingPorts": "skill.grasp_search:TakingPorts",
     "MovedAwayFailure": "skill.picking:MovedAwayFailure",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -22,11 +23,13 @@ from bt_dualarm import (
     Skill,
     Taking,
     TakingPorts,
+    UnsuitedGoalFailure,
     Vector3,
     WantedGrasp,
     grasps_on,
     half_open,
     object_at,
+    other_headings,
     port,
     refuse_too_frail,
     twin_at,
@@ -39,6 +42,8 @@ _UNKNOWN_FRICTION = 0.5  # assumed for an object that is not declared
 _STILL_M_S = 0.02
 _LASTS_S = 0.1  # time for which an object that has moved must rest: it may bounce
 _LONGEST_S = 2.0  # longest wait
+
+_HEADINGS = 12  # further headings at `then_at` that are tried, each with many grasps
 
 _PURSUITS = 3  # plans for an object that other arms move before the gripper is there
 
@@ -69,7 +74,8 @@ class _ObjectPorts(PortModel):
     then_at: ObjectPose | None = port(
         None,
         "pose at which `place` will set the object down: grasps with which the arm can do that are "
-        "chosen; without an orientation it keeps its current one",
+        "chosen; without an orientation it keeps its current one, or is rotated about the vertical "
+        "if it cannot be set down so",
     )
     width: float | None = port(
         None,
@@ -189,12 +195,16 @@ class Grasp(Skill):
         yield from taking.through(grasps_on(self.arm, wanted))
 
     def _others(self, wanted: WantedGrasp, refusal: Failure) -> Iterator[WantedGrasp]:
-        """Grasps to try where the usual ones are impossible: half open, and from other directions.
+        """Grasps to try where the usual ones are impossible.
+
+        For another heading of the object at `then_at`, half open, and from other directions.
 
         Args:
             wanted: The usual ones.
             refusal: Why none of them is possible.
         """
+        if isinstance(refusal, UnsuitedGoalFailure) and "reach_m" not in refusal.numbers:
+            yield from self._rotated(wanted)  # beyond reach, they would be so, too
         if not self.arm.gripper.description.fingers:
             return
         if refusal.code != "DEADLOCK":
@@ -205,6 +215,17 @@ class Grasp(Skill):
             if narrow is not None:
                 yield narrow
         yield replace(wanted, between=True)
+
+    def _rotated(self, wanted: WantedGrasp) -> Iterator[WantedGrasp]:
+        """The same with other headings of the object at `then_at`, if that leaves it to `place`."""
+        goal = wanted.goal
+        then_at = self.ports.then_at
+        if goal is None or then_at is None or then_at.is_oriented:
+            return
+        for other in islice(
+            other_headings(self.arm.world, wanted.name or "", goal, (goal,)), _HEADINGS
+        ):
+            yield replace(wanted, goal=other)
 
     @staticmethod
     def _is_cramped(refusal: Failure) -> bool:

@@ -17,6 +17,7 @@ from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import WantedGrasp
+from bt_dualarm.skill.placing import LEAST_ROOM_M
 from bt_dualarm.skill.symmetry import poses_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -45,6 +46,10 @@ _ROOMIER = 8
 # Differences of two tool poses within which both are assumed reachable or neither
 _NEAR_M = 0.02
 _NEAR_RAD = 0.2
+
+
+class UnsuitedGoalFailure(Failure):
+    """With no grasp the arm could set the object down at the goal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +110,7 @@ def first_approach(
 
     Raises:
         Failure: ``OUT_OF_REACH`` with the reason of the grasp that came nearest to success, caused
-            by all; ``OVERLOADED``; ``BUSY``.
+            by all, as an `UnsuitedGoalFailure` if it is the goal; ``OVERLOADED``; ``BUSY``.
     """
     began_s = arm.time
     reasons = list[Failure]()
@@ -171,9 +176,11 @@ def first_approach(
         return cramped
     nearest = nearest_to_success(reasons)
     what = f"no path to {wanted.label}"
+    kind = Failure
     if reasons.index(nearest) in unsuited:
         what = f"{wanted.label} could not be set down at `then_at`"
-    raise Failure(
+        kind = UnsuitedGoalFailure
+    raise kind(
         "OUT_OF_REACH",
         f"{what}: {nearest.reason}",
         plans_tried=len(reasons),
@@ -245,8 +252,10 @@ def refuse_goal(
 ) -> None:
     """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
+    `place` opens the fingers no wider than there is room for.
+
     Args:
-        arm: Arm with its gripper open, as it will be again after the object is released.
+        arm: Arm with its gripper open.
         name: Name of the object.
         goal: Pose of the object in the world.
         in_object: Pose of the tool in the object's frame.
@@ -259,9 +268,10 @@ def refuse_goal(
     """
     held = absent | {name}
     closed = arm.checker(held)
-    has_fingers = arm.name in arm.world.grippers and arm.gripper.description.fingers
-    if has_fingers:
+    opening: float | None = None
+    if arm.name in arm.world.grippers and arm.gripper.description.fingers:
         closed.open_fingers(width)
+        opening = min(width + 2.0 * LEAST_ROOM_M, arm.gripper.description.stroke)
     first: Failure | None = None
     for _, alike in poses_alike(arm.world.declared_objects[name], goal):
         tool = alike @ in_object
@@ -273,7 +283,7 @@ def refuse_goal(
                 try:
                     if contact is not None:
                         raise contact[1].failure()
-                    arm.refuse_collision_along(back, held)
+                    arm.refuse_collision_along(back, held, opening=opening)
                 except Failure as failure:
                     first = first or failure.with_traceback(None)  # would keep this frame alive
                     if arm.is_of_hand(failure):

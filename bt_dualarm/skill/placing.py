@@ -24,6 +24,7 @@ from bt_dualarm.core.rotations import from_rotation_vectors, product
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import guarded_descent, until_contact
 from bt_dualarm.skill.left_standing import LeftStanding
@@ -103,16 +104,18 @@ def came_along(
         yield 1.0
 
 
-_APART_M: Final = 0.0015  # least opening on each side of the object, where there is room for it
+LEAST_ROOM_M: Final = 0.0015
+"""Least opening on each side of the object at its release, where there is room for it, m."""
+
 _BEGINS_M: Final = 0.00075
 """Opening on each side of it at which the retreat begins: that rises by 0.3 mm in its first 0.05 s,
 in which the fingers open farther."""
 
-_ROOMS: Final = (0.01, 0.007, 0.005, 0.0035, 0.0025, _APART_M)
+_ROOMS: Final = (0.01, 0.007, 0.005, 0.0035, 0.0025, LEAST_ROOM_M)
 """Openings on each side of it at the release, the preferred one first, m: fingers that open into a
 wall press against it, and would drag it along as they retreat."""
 _TIGHT_M: Final = 0.0008
-"""Opening on each side of it where there is no room for `_APART_M`."""
+"""Opening on each side of it where there is no room for `LEAST_ROOM_M`."""
 
 _LOOSE_M: Final = 0.0005
 """Opening on each side of it with which fingers that a wall stops can leave it as well."""
@@ -167,6 +170,8 @@ was detected or not: a tray gives way there under hardly more than the object's 
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _SAME_RAD: Final = 0.02  # rotation of the tool up to which it is still on its retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
+_SEARCH_M: Final = 0.015  # default depth of the search for a support below the goal
+_TOLERANCE_M: Final = 0.008  # default of the largest error
 _HEADING_RAD: Final = np.radians(15.0)  # steps of the headings to try where any will do
 _SAME_HEADING: Final = 1e-3  # rotation that makes no difference to a heading, rad
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
@@ -187,7 +192,7 @@ class SettingDownPorts(PortModel):
         5.0, "contact force at which the support is detected", unit="N", ge=1, le=100
     )
     search: float = port(
-        0.015,
+        _SEARCH_M,
         "distance below the goal down to which the support is searched",
         unit="m",
         ge=0.001,
@@ -195,7 +200,7 @@ class SettingDownPorts(PortModel):
     )
     retreat: float = port(0.08, "length of the retreat", unit="m", ge=0.01, le=0.3)
     tolerance: float = port(
-        0.008,
+        _TOLERANCE_M,
         "largest height error at contact, and largest position error at the end",
         unit="m",
         ge=1e-3,
@@ -230,6 +235,47 @@ class _Descent:
     height: float
     branches: list[Matrix]
     turned: float = 0.0
+
+
+def other_headings(
+    world: World,
+    name: str,
+    goal: Pose,
+    frames: Sequence[Pose],
+    above: float = _TOLERANCE_M,
+    below: float = _SEARCH_M,
+) -> Iterator[Pose]:
+    """Poses of an object rotated about the vertical from a goal, up to its symmetry.
+
+    First those in which one of some frames is in line with what the object will stand on: between
+    the walls of a bin, hand or object may fit in no others. Then the multiples of 15°, the smallest
+    first.
+
+    Args:
+        world: World of the arm.
+        name: Name of the object.
+        goal: Its pose in the world.
+        frames: Poses in the world, with the object at the goal, that rotate with it.
+        above: Distance above the goal in which a support is looked for, m.
+        below: Distance below it, m.
+    """
+    lined_up: list[float] = []
+    support = support_below(world, name, goal, above, below)
+    if support is not None:
+        for frame in frames:
+            axes = frame.rotation_matrix[:2]
+            lying = int(np.argmax(np.linalg.norm(axes, axis=0)))
+            heading = float(np.arctan2(axes[1, lying], axes[0, lying]))
+            lined_up.extend(support.heading - heading + np.arange(4) * (np.pi / 2.0))
+    grid = np.arange(1, round(np.pi / _HEADING_RAD) + 1) * _HEADING_RAD
+    alike = poses_alike(world.objects[name], goal)
+    most = min((0.5 * abs(turn) for turn, _ in alike if turn), default=np.pi)
+    for turns in (np.array(lined_up), np.column_stack((grid, -grid)).ravel()):
+        wrapped = np.round((turns + np.pi) % (2.0 * np.pi) - np.pi, 6)
+        for turn in dict.fromkeys(sorted(wrapped.tolist(), key=abs)):
+            if _SAME_HEADING < abs(turn) <= most + _SAME_HEADING:
+                rotation = from_rotation_vectors(turn * _UP[None])
+                yield Pose(goal.position, product(rotation, goal.quaternion[None])[0])
 
 
 @dataclass(frozen=True)
@@ -690,8 +736,12 @@ class SettingDown:
             return (yield from self._roomy_descent(goal, move))
         except Failure as failure:
             refusal = failure.with_traceback(None)
+        arm = self._arm
         if self._any_heading and not move.may_leave(refusal):
-            for other in self._other_headings(goal):
+            ports = self._ports
+            frames = goal @ self._in_tool.inverse, goal
+            within = ports.tolerance, ports.search
+            for other in other_headings(arm.world, self._name, goal, frames, *within):
                 yield
                 with suppress(Failure):
                     self._support_at(other)
@@ -709,30 +759,6 @@ class SettingDown:
                 raise
         self._needs_room = False
         return (yield from self._any_descent(goal, move))
-
-    def _other_headings(self, goal: Pose) -> Iterator[Pose]:
-        """Poses rotated about the vertical from a goal, up to the object's symmetry.
-
-        First those in which hand or object are in line with what it will stand on: between the
-        walls of a bin it may fit in no others. Then the multiples of `_HEADING_RAD`.
-        """
-        lined_up: list[float] = []
-        found = self._support_at(goal)
-        if found is not None:
-            for frame in (goal @ self._in_tool.inverse, goal):
-                axes = frame.rotation_matrix[:2]
-                lying = int(np.argmax(np.linalg.norm(axes, axis=0)))
-                heading = float(np.arctan2(axes[1, lying], axes[0, lying]))
-                lined_up.extend(found.heading - heading + np.arange(4) * (np.pi / 2.0))
-        grid = np.arange(1, round(np.pi / _HEADING_RAD) + 1) * _HEADING_RAD
-        alike = poses_alike(self._arm.world.objects[self._name], goal)
-        most = min((0.5 * abs(turn) for turn, _ in alike if turn), default=np.pi)
-        for turns in (np.array(lined_up), np.column_stack((grid, -grid)).ravel()):
-            wrapped = np.round((turns + np.pi) % (2.0 * np.pi) - np.pi, 6)
-            for turn in dict.fromkeys(sorted(wrapped.tolist(), key=abs)):
-                if _SAME_HEADING < abs(turn) <= most + _SAME_HEADING:
-                    rotation = from_rotation_vectors(turn * _UP[None])
-                    yield Pose(goal.position, product(rotation, goal.quaternion[None])[0])
 
     def _any_descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
@@ -936,7 +962,7 @@ class SettingDown:
         if not gripper.description.fingers:
             yield from gripper.until_open()
             return
-        has_room = self._room >= _APART_M
+        has_room = self._room >= LEAST_ROOM_M
         try:
             for _ in gripper.until_open():
                 if has_room and gripper.width >= width + 2.0 * _BEGINS_M:

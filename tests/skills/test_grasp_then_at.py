@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bt_dualarm as bt
@@ -137,3 +138,75 @@ def test_the_few_free_branches_of_a_redundant_arm_are_found_in_an_oven(xyz: list
     file = {"bt_dualarm": 1, "name": "oven", "world": world, "objects": objects}
     result = bt.run(file | {"arms": {"arm1": arm}})
     assert [leaf.status for leaf in result.arms["arm1"].runs] == ["SUCCESS"] * 2
+
+
+def _in_a_channel(
+    robot: str, gripper: str, yaw: float, heading: float, grasp: dict[str, Any]
+) -> dict[str, Any]:
+    """Task to set a block down between two walls, between which the hand fits lengthwise only."""
+    at = {"xyz": [0.45, 0.12, 0.4255]}
+    turn = np.radians(heading)
+    objects: dict[str, Any] = {
+        "block": {"shape": "box", "size": [0.06, 0.03, 0.05], "mass": 0.1}
+        | {"pose": {"xyz": [0.45, -0.3, 0.4255], "rpy": [0, 0, yaw]}},
+        "stand": {"shape": "box", "size": [0.4, 1.0, 0.4], "fixed": True}
+        | {"pose": {"xyz": [0.5, 0, 0.2]}},
+    }
+    for name, away in (("one", 0.0425), ("other", -0.0425)):
+        x, y = 0.45 - away * np.sin(turn), 0.12 + away * np.cos(turn)
+        wall = {"shape": "box", "size": [0.3, 0.01, 0.1], "fixed": True}
+        objects[name] = wall | {"pose": {"xyz": [float(x), float(y), 0.45], "rpy": [0, 0, heading]}}
+    sequence = [{"grasp": {"object": "block"} | grasp}, {"place": {"at": at}}]
+    arm = {"robot": robot, "gripper": gripper, "base": {"xyz": [0, -0.1, 0.4]}}
+    return {
+        "bt_dualarm": 1,
+        "name": "channel",
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 60},
+        "objects": objects,
+        "arms": {"arm1": arm | {"tree": {"sequence": sequence}}},
+    }
+
+
+@pytest.mark.parametrize(
+    ("robot", "gripper"),
+    some(
+        [
+            ("panda", "panda_hand"),
+            ("ur5e", "robotiq_2f85"),
+            ("xarm7", "panda_hand"),
+            ("ur10e", "robotiq_2f85"),
+        ],
+        2,
+    ),
+)
+@pytest.mark.parametrize(("yaw", "heading"), [(0, 40), (30, -35)])
+def test_heading_is_left_to_place_where_the_goal_has_no_orientation(
+    robot: str, gripper: str, yaw: float, heading: float
+) -> None:
+    """It was `OUT_OF_REACH`; `place` rotates the block where the grasp does not ask for a heading."""
+    at = {"xyz": [0.45, 0.12, 0.4255]}
+    task = _in_a_channel(robot, gripper, yaw, heading, {"then_at": at})
+    leaves = bt.run(task).arms["arm1"].runs
+    assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
+    assert leaves[-1].metrics["heading_rad"] > 0.1
+    oriented = at | {"rpy": [0, 0, yaw]}
+    (leaf,) = (
+        bt.run(_in_a_channel(robot, gripper, yaw, heading, {"then_at": oriented})).arms["arm1"].runs
+    )
+    assert leaf.code == "OUT_OF_REACH"
+    assert "could not be set down at `then_at`" in leaf.reason
+
+
+@pytest.mark.parametrize(("yaw", "heading"), [(0, 20), (-60, -15)])
+def test_fingers_need_not_open_fully_at_the_goal(yaw: float, heading: float) -> None:
+    """It was `OUT_OF_REACH`: `place` opens them only as wide as the bin allows."""
+    at = {"on": "crate"}
+    task = _in_a_channel("ur5e", "robotiq_2f85", yaw, 0, {"then_at": at})
+    del task["objects"]["one"], task["objects"]["other"]
+    task["objects"]["crate"] = {
+        "shape": "bin", "size": [0.12, 0.07, 0.04], "wall": 0.004, "mass": 0.3, "fixed": True,
+        "pose": {"xyz": [0.45, 0.05, 0.4205], "rpy": [0, 0, heading]},
+    }  # fmt: skip
+    task["arms"]["arm1"]["tree"]["sequence"][1]["place"]["at"] = at
+    leaves = bt.run(task).arms["arm1"].runs
+    assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
