@@ -183,7 +183,7 @@ def _in_a_channel(
 def test_heading_is_left_to_place_where_the_goal_has_no_orientation(
     robot: str, gripper: str, yaw: float, heading: float
 ) -> None:
-    """It was `OUT_OF_REACH`; `place` rotates the block where the grasp does not ask for a heading."""
+    """It was `OUT_OF_REACH`; `place` rotates the block where `grasp` asks for no heading."""
     at = {"xyz": [0.45, 0.12, 0.4255]}
     task = _in_a_channel(robot, gripper, yaw, heading, {"then_at": at})
     leaves = bt.run(task).arms["arm1"].runs
