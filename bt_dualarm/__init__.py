@@ -152,6 +152,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.skill import Ticks as Ticks
     from bt_dualarm.skill.skill import unit_vector as unit_vector
+    from bt_dualarm.skill.symmetry import goals_alike as goals_alike
     from bt_dualarm.skill.symmetry import poses_alike as poses_alike
     from bt_dualarm.skill.symmetry import true_error as true_error
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
@@ -332,6 +333,7 @@ _CONTENTS: Final = {
     "grasps_on": "skill.grasp_search:grasps_on",
     "half_open": "skill.grasp_search:half_open",
     "UnsuitedGoalFailure": "skill.grasp_approach:UnsuitedGoalFailure",
+    "goals_alike": "skill.symmetry:goals_alike",
     "poses_alike": "skill.symmetry:poses_alike",
     "true_error": "skill.symmetry:true_error",
     "RankedGrasp": "grasping.candidates:RankedGrasp",

@@ -23,9 +23,9 @@ from bt_dualarm import (
     Skill,
     Speed,
     Trajectory,
+    goals_alike,
     into_held,
     port,
-    poses_alike,
     unit_vector,
 )
 
@@ -78,7 +78,7 @@ class Insert(Skill):
         arm.refuse_shared()
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
-        alike = poses_alike(arm.world.declared_objects[name], goal)
+        alike = goals_alike(arm.world, name, goal)
         self._axes = HoleAxes(unit_vector(self.ports.direction))
         self._bottoms = [(angle, pose @ in_tool.inverse) for angle, pose in alike]
         grip = Grip(arm, name)

@@ -19,9 +19,9 @@ from bt_dualarm import (
     Skill,
     Speed,
     Vector,
+    goals_alike,
     held_through,
     port,
-    poses_alike,
     true_error,
 )
 
@@ -124,7 +124,7 @@ class Transport(Skill):
         else:
             if self._is_free(found) or self._may_leave(found[0]):
                 return goal, found
-        for turned, alike in poses_alike(arm.world.objects[name], goal)[1:]:
+        for turned, alike in goals_alike(arm.world, name, goal)[1:]:
             yield
             tool_goal = alike @ object_in_tool.inverse
             try:

@@ -63,8 +63,9 @@ _SAME_S = 1e-9
 _AT_REST_RAD_S = 1e-3
 """Velocity up to which a motion ends at rest, rad/s."""
 
-_BEYOND_RAD = 1e-6
-"""How far the spline of a path may exceed a position limit between its samples, rad."""
+_BEYOND_RAD = 1e-3
+"""How far the spline of a path may exceed a position limit between its samples, rad: 0.3 mrad where
+a straight path of the tool ends at the limit. The controller sends nothing beyond it."""
 
 _SAME_RAD = 1e-3
 """Difference of a position from what the velocities before make of it, rad: the trapezoids that

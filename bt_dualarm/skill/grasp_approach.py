@@ -18,16 +18,16 @@ from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import WantedGrasp, goals_with_room
-from bt_dualarm.skill.placing import LEAST_ROOM_M, LOWEST_M
+from bt_dualarm.skill.placing import LEAST_ROOM_M, LOWEST_M, SEARCH_M
 from bt_dualarm.skill.retreat import RetreatTo, possible_retreats
-from bt_dualarm.skill.symmetry import poses_alike
+from bt_dualarm.skill.symmetry import goals_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _PASSING = 3  # openings with which the hand passes other parts of the object
 _RETREAT_M = 0.05  # length of the retreat from a goal
-_FEW_GOALS = 4  # poses that look like a goal, from which on fewer branches are checked for each
+_CHECKS = 48  # descents to a goal that are checked, to all poses that look like it together
 
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
@@ -249,8 +249,8 @@ def refuse_goal(
 ) -> None:
     """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
-    As `place` does it: the descent is as low as the surroundings require, the fingers open no wider
-    than there is room for, and the retreat may be short.
+    As `place` does it: the descent is as low as the surroundings require, and could go on below the
+    goal; the fingers open no wider than there is room for, and the retreat may be short.
 
     Args:
         arm: Arm with its gripper open.
@@ -271,14 +271,17 @@ def refuse_goal(
         opening = min(grasp.width + 2.0 * LEAST_ROOM_M, arm.gripper.description.stroke)
     (goals,) = goals_with_room(arm, name, goal, [grasp])
     if not goals:
-        goals = tuple(pose for _, pose in poses_alike(arm.world.declared_objects[name], goal))
-    most = MOST_BRANCHES if len(goals) <= _FEW_GOALS else MOST_BRANCHES // _FEW_GOALS
+        goals = tuple(pose for _, pose in goals_alike(arm.world, name, goal))
+    most = min(max(_CHECKS // len(goals), 1), MOST_BRANCHES)
     first: Failure | None = None
     for alike in goals:
         tool = alike @ grasp.tool
+        if first is not None and arm.kinematics.is_beyond(tool):
+            continue  # a search takes milliseconds
         retreats = possible_retreats(arm, tool, name, grasp.tool.inverse, _RETREAT_M)
         try:
-            for (down,) in islice(arm.lines(tool.raised(LOWEST_M), tool), most):
+            lines = arm.lines(tool.raised(LOWEST_M), tool, tool.raised(-SEARCH_M))
+            for down, _ in islice(lines, most):
                 contact = closed.first_contact(down)
                 try:
                     if contact is not None:

@@ -42,7 +42,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import JointPath
 from bt_dualarm.skill.placing import LEAST_ROOM_M
 from bt_dualarm.skill.skill import unit_vector
-from bt_dualarm.skill.symmetry import poses_alike
+from bt_dualarm.skill.symmetry import goals_alike
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Direction, PartName, Speed
 
@@ -357,7 +357,7 @@ def goals_with_room(
     """
     description = arm.gripper.description
     spec = arm.world.declared_objects[name]
-    alike = [pose for _, pose in poses_alike(spec, goal)]
+    alike = [pose for _, pose in goals_alike(arm.world, name, goal)]
     obstacles = obstacles_around(arm, name, goal.apply(body_of(spec).middle))
     hand: JawMeasures | CupMeasures
     if description.fingers:

@@ -49,7 +49,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_approach import refuse_goal
 from bt_dualarm.skill.grasp_search import GRAVITY, obstacles_around
 from bt_dualarm.skill.joint import shared_grasp
-from bt_dualarm.skill.symmetry import poses_alike, turns_alike
+from bt_dualarm.skill.symmetry import goals_alike, turns_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -506,7 +506,7 @@ class HandoverSearch:
         """Grasps with which the hand has room where the object will be set down."""
         world = self._world
         obstacles = obstacles_around(self._arm, self._object, goal.apply(self._middle))
-        alike = [pose for _, pose in poses_alike(world.declared_objects[self._object], goal)]
+        alike = [pose for _, pose in goals_alike(world, self._object, goal)]
         rooms = clearances(grasps, alike, jaw, obstacles).max(axis=0)
         is_free = rooms >= -TOUCHING
         self._cramped = (rooms[is_free] < _GOAL_ROOM_M).astype(float)

@@ -29,7 +29,7 @@ from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import guarded_descent, until_contact
 from bt_dualarm.skill.left_standing import LeftStanding
 from bt_dualarm.skill.retreat import RetreatTo, is_beyond, plan_retreat, possible_retreats
-from bt_dualarm.skill.symmetry import poses_alike
+from bt_dualarm.skill.symmetry import goals_alike, poses_alike
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
@@ -170,7 +170,7 @@ was detected or not: a tray gives way there under hardly more than the object's 
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _SAME_RAD: Final = 0.02  # rotation of the tool up to which it is still on its retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
-_SEARCH_M: Final = 0.015  # default depth of the search for a support below the goal
+SEARCH_M: Final = 0.015  # default depth of the search for a support below the goal
 _TOLERANCE_M: Final = 0.008  # default of the largest error
 _HEADING_RAD: Final = np.radians(15.0)  # steps of the headings to try where any will do
 _SAME_HEADING: Final = 1e-3  # rotation that makes no difference to a heading, rad
@@ -192,7 +192,7 @@ class SettingDownPorts(PortModel):
         5.0, "contact force at which the support is detected", unit="N", ge=1, le=100
     )
     search: float = port(
-        _SEARCH_M,
+        SEARCH_M,
         "distance below the goal down to which the support is searched",
         unit="m",
         ge=0.001,
@@ -243,7 +243,7 @@ def other_headings(
     goal: Pose,
     frames: Sequence[Pose],
     above: float = _TOLERANCE_M,
-    below: float = _SEARCH_M,
+    below: float = SEARCH_M,
 ) -> Iterator[Pose]:
     """Poses of an object rotated about the vertical from a goal, up to its symmetry.
 
@@ -785,7 +785,7 @@ class SettingDown:
             # A traceback would keep this frame alive.
             refusals = [failure.with_traceback(None)]
         waits = move.may_leave(refusals[0])
-        for turned, alike in poses_alike(self._arm.world.objects[self._name], goal):
+        for turned, alike in goals_alike(self._arm.world, self._name, goal):
             if waits and not turned:
                 continue
             tool = alike @ self._in_tool.inverse

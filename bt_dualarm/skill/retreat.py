@@ -116,6 +116,7 @@ def plan_retreat(
             yield from move.checked(rows, known_free=False)
             if retreat.by_object:
                 arm.refuse_collision_along(rows)
+            motion = arm.time_path(rows, move.speed)
         except Failure as failure:
             if retreat is retreats[-1] or move.may_clear(failure):
                 raise
@@ -123,4 +124,4 @@ def plan_retreat(
             if retreat is not retreats[0]:
                 metrics["retreated_m"] = retreat.length
             break
-    return arm.time_path(rows, move.speed)
+    return motion

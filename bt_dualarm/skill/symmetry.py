@@ -45,6 +45,37 @@ def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
     ]
 
 
+def goals_alike(world: World, name: str, goal: Pose) -> list[tuple[float, Pose]]:
+    """Poses in which an object looks as at a goal, for an arm that holds it.
+
+    Those of `poses_alike`, then the same ones turned over: a can that a hand holds at its lower end
+    is set down on its other end. Only boxes, prisms, cylinders and capsules are turned over, on
+    which nothing stands and of which nothing moves on joints.
+
+    Args:
+        world: World of the arm.
+        name: Name of the object.
+        goal: Its pose in the world.
+
+    Returns:
+        The poses with their rotation from the goal, rad; the goal itself is the first.
+    """
+    spec = world.declared_objects[name]
+    alike = poses_alike(spec, goal)
+    if spec.marker or spec.shape not in _TURNED_OVER or spec.moved or world.passengers_of(name):
+        return alike
+    upright = np.abs(goal.rotation_matrix[2])
+    vertical = 2 if spec.shape != "box" else int(upright.argmax())
+    if spec.shape in ("box", "prism") and upright[vertical] < _UPRIGHT:
+        return alike
+    level = goal.rotation_matrix[:, vertical - 2]
+    over = _turned(goal, level, np.pi, goal.apply(np.array(KnownShape.of(spec).center)))
+    return [*alike, *((np.pi, pose) for _, pose in poses_alike(spec, over))]
+
+
+_TURNED_OVER = ("box", "prism", "cylinder", "capsule")
+
+
 def _turns_into_itself(
     spec: ObjectSpec, shape: KnownShape, goal: Pose
 ) -> tuple[Vector, list[float]]:

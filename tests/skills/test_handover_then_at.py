@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bt_dualarm as bt
@@ -141,3 +142,37 @@ def test_taker_does_not_lower_the_object_onto_something_to_lift_it() -> None:
     result = bt.run(BESIDE_A_STAND)
     (leaf,) = result.arms["b"].runs
     assert leaf.status == "SUCCESS", leaf.reason
+
+
+@pytest.mark.parametrize(
+    ("giver", "taker"),
+    some([("panda", "ur5e"), ("fr3", "xarm7"), ("ur10e", "ur5"), ("ur5e", "panda")], 2),
+)
+@pytest.mark.parametrize("is_told", [False, True])
+@pytest.mark.parametrize("shape", ["cylinder", "box"])
+def test_short_object_is_turned_over_to_be_set_down(
+    giver: str, taker: str, shape: str, *, is_told: bool
+) -> None:
+    """The giver holds it from above, so that the taker gets its lower end: IN_COLLISION."""
+    at = {"xyz": [1.0, -0.45, 0.3855], "rpy": [0, 0, 0]}
+    size = [0.025, 0.07] if shape == "cylinder" else [0.03, 0.04, 0.07]
+    fixed = {"shape": "box", "fixed": True}
+    objects = {
+        "can": {"shape": shape, "size": size, "mass": 0.15, "pose": {"xyz": [0.4, 0.35, 0.2355]}},
+        "stand": fixed | {"size": [0.2, 0.2, 0.2], "pose": {"xyz": [0.4, 0.35, 0.1]}},
+        "shelf": fixed | {"size": [0.3, 0.22, 0.02], "pose": {"xyz": [1.0, -0.5, 0.34]}},
+    }
+    give = [{"grasp": {"object": "can"}}, {"hand_over": {"object": "can", "to": "b"}}, "go_home"]
+    take = {"object": "can", "from": "a"} | ({"then_at": at} if is_told else {})
+    arms: dict[str, Any] = {
+        "a": {"robot": giver, "base": {"xyz": [0, 0, 0]}, "tree": {"sequence": give}},
+        "b": {"robot": taker, "base": {"xyz": [1.1, 0, 0], "rpy": [0, 0, 180]}}
+        | {"tree": {"sequence": [{"take_over": take}, {"place": {"at": at}}]}},
+    }
+    for arm in arms.values():
+        arm["gripper"] = "robotiq_2f85" if arm["robot"].startswith("ur") else "panda_hand"
+    world = {"scene": "empty", "reality": "lab", "time_limit": 90}
+    file = {"bt_dualarm": 1, "name": "over", "world": world, "objects": objects, "arms": arms}
+    leaves = bt.run(file).arms["b"].runs
+    assert [leaf.code for leaf in leaves] == ["", ""], leaves[-1].reason
+    assert leaves[-1].metrics["spun_rad"] == pytest.approx(np.pi)

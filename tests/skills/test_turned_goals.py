@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.inserting import Inserting
-from bt_dualarm.skill.symmetry import poses_alike, turns_alike
+from bt_dualarm.skill.symmetry import goals_alike, poses_alike, turns_alike
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.families import some
@@ -195,6 +197,43 @@ def test_equivalent_poses_are_symmetric(
         assert len(alike) == count
     elif spec.shape == "prism" or (spec.shape in ("box", "compound") and rpy[0] != 90):
         assert len(alike) == 1, "a tilted object has no equivalent pose, which keeps the pads level"
+
+
+@pytest.mark.parametrize("rpy", [(0, 0, 0), (0, 0, 40), (180, 0, 10), (30, 20, 10), (90, 0, 0)])
+@pytest.mark.parametrize(
+    ("fields", "count"),
+    [
+        ({"shape": "cylinder", "size": [0.03, 0.1]}, 48),
+        ({"shape": "capsule", "size": [0.03, 0.1]}, 48),
+        ({"shape": "sphere", "size": [0.03]}, 24),
+        ({"shape": "cup", "size": [0.03, 0.1]}, 24),
+        ({"shape": "prism", "size": [0.03, 0.1], "sides": 5}, 10),
+        ({"shape": "prism", "size": [0.05, 0.1], "sides": 6} | MARKER, 1),
+        ({"shape": "box", "size": [0.05, 0.05, 0.1]}, 8),
+        ({"shape": "box", "size": [0.05, 0.06, 0.1]}, 4),
+        ({"shape": "box", "size": [0.05, 0.05, 0.1]} | MARKER, 1),
+        ({"shape": "bin", "size": [0.05, 0.05, 0.1]}, 1),
+    ],
+)
+def test_what_looks_the_same_upside_down_may_be_turned_over(
+    fields: dict[str, Any], count: int, rpy: tuple[float, float, float]
+) -> None:
+    """Half of the poses are turned over; none of a cup, a bin, or what has a marker."""
+    goal = Pose.from_rpy((0.1, 0.2, 0.3), np.radians(rpy).tolist())
+    spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
+    world = MagicMock(spec=World)
+    world.declared_objects = {"thing": spec}
+    world.passengers_of.return_value = ()
+    alike = goals_alike(world, "thing", goal)
+    same = poses_alike(spec, goal)
+    assert repr(alike[: len(same)]) == repr(same)
+    for angle, pose in alike[len(same) :]:
+        assert abs(angle) == pytest.approx(np.pi)
+        assert KnownShape.of(spec).away(pose, goal) == pytest.approx((0.0, 0.0), abs=1e-6)
+    if rpy[0] in (0, 180) and rpy[1] == 0:
+        assert len(alike) == count
+    world.passengers_of.return_value = ("rider",)
+    assert repr(goals_alike(world, "thing", goal)) == repr(same), "what stands on it would fall off"
 
 
 @pytest.mark.parametrize(
