@@ -506,6 +506,9 @@ def _robot(e: Evidence) -> Robot | None:
         return None
 
 
+_SAME_S: Final = 1e-6
+"""Difference in s of the times of two changes in the same tick."""
+
 _STILL_M: Final = 2e-3
 """Largest displacement in m of the tool of an arm that has not moved."""
 
@@ -531,18 +534,30 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
     if e.code == "TIMED_OUT":
         yield e.cause("TOO_LITTLE_TIME", e.reason)
         return
-    limit = next((node for node in reversed(e.root_cause.chain) if node.kind == "timeout"), None)
+    limit = _timeout(e)
     ran = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s"
-    if e.root_cause.at is None and limit is not None and limit.last("FAILURE") is not None:
-        seconds = limit.ports.get("seconds")
-        sentence = f"the timeout {limit.path!r} of {seconds} s ended it: {ran}"
+    if limit is not None:
+        path, reason = limit
+        sentence = f"{ran} when the timeout {path!r} ended it: {reason}"
         faster = ", or a faster motion" if "speed" in e.ports else ""
-        remedy = f"more seconds than {seconds}{faster}"
-        yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
+        remedy = f"more `seconds` of that timeout{faster}"
+        yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=path)
     elif e.root_cause.at is not None:
         yield _at_work(e)
     elif e.root_cause.end is None or _ended_with_run(e):
         yield _cut_short(e, ran)
+
+
+def _timeout(e: Evidence) -> tuple[str, str] | None:
+    """Path and sentence of the timeout that halted the leaf; None if none did."""
+    if e.code != "HALTED":
+        return None
+    for node in reversed(e.root_cause.chain):
+        for change in node.changes:
+            # One around it that fails later, or by what its child reports, has not halted it.
+            if change.code == "TIMEOUT" and abs(change.time - e.ended) < _SAME_S:
+                return node.path, change.reason
+    return None
 
 
 def _cut_short(e: Evidence, ran: str) -> Cause:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
@@ -35,7 +36,7 @@ from bt_dualarm.diagnosis.object_causes import (
     world_causes,
 )
 from bt_dualarm.replay.record import Facts, Record, ReplayError
-from bt_dualarm.replay.timeline import Timeline, TimelineNode
+from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.spec.node_types import escaped
 
@@ -208,9 +209,9 @@ def _root_causes(record: Record, timeline: Timeline, asked: str | None) -> list[
         return [_of_node(timeline, node) for node in _named_nodes(timeline, asked)]
     record.index_at(time)
     failed = [
-        RootCause(chain_of(timeline.roots[leaf.arm], leaf), end)
-        for leaf in timeline.leaves()
-        for end in leaf.changes
+        (node, end)
+        for node in timeline.nodes()
+        for end in node.changes
         if end.new == "FAILURE" and end.time <= time + 1e-9
     ]
     # A node that runs while none of its children does waits itself: a claim, a pause of a retry.
@@ -220,9 +221,13 @@ def _root_causes(record: Record, timeline: Timeline, asked: str | None) -> list[
         if node.status_at(time) == "RUNNING"
         and all(child.status_at(time) != "RUNNING" for child in node.children)
     ]
-    nearest = max(failed, key=lambda root_cause: root_cause.time, default=None)
-    if nearest is not None and (not running or time - nearest.time <= _RECENT_S):
-        return [nearest, *running]
+    # Of those that failed in the latest tick, children did before their parents. A timeout or an
+    # inverter fails without a leaf that does.
+    latest = max((end.time for _, end in failed), default=-math.inf)
+    nearest = [each for each in failed if each[1].time == latest]
+    if nearest and (not running or time - latest <= _RECENT_S):
+        node, end = min(nearest, key=lambda each: each[1].index)
+        return [_of_end(timeline, node, end), *running]
     return running
 
 
@@ -253,10 +258,15 @@ def _of_node(timeline: Timeline, node: TimelineNode) -> RootCause:
     # A node that has ended is reset before it starts again, and when a halt reaches it.
     ends = [change for change in node.changes if change.new != "INVALID" or change.old == "RUNNING"]
     end = node.last("FAILURE") or ends[-1]
-    above = chain_of(root, node)
     removal = timeline.removal(node.arm)
     if removal is not None and end.new == "INVALID" and end.time == root.changes[-1].time:
-        return RootCause(above, None, at=removal[1].time)
+        return RootCause(chain_of(root, node), None, at=removal[1].time)
+    return _of_end(timeline, node, end)
+
+
+def _of_end(timeline: Timeline, node: TimelineNode, end: Change) -> RootCause:
+    """The leaf that decided a change of a node's status, and how it ended."""
+    above = chain_of(timeline.roots[node.arm], node)
     if node.children and end.new == "FAILURE":
         below = descend(node, end)
         return RootCause((*above[:-1], *below.chain), below.end, below.others)

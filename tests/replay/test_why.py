@@ -319,6 +319,50 @@ def test_a_faster_motion_is_suggested_only_for_a_motion(
     assert ("a faster motion" in story.causes[0].remedy) == faster
 
 
+SLOW = "move_joints: {by: [30, 0, 0, 0, 0, 0], speed: 0.1}"
+
+
+def only(tmp_path: Path, tree: str) -> Record:
+    """Record of a run of one arm with a tree."""
+    arms = f"arms: {{arm1: {{robot: ur5, tree: {{{tree}}}}}}}"
+    return recorded(tmp_path, f"bt_dualarm: 1\nworld: {{scene: empty}}\n{arms}\n")
+
+
+def timed_out(tmp_path: Path) -> Record:
+    """Record of a motion within three timeouts, of which the second one halts it."""
+    limit = f"timeout: {{seconds: 400 ms, child: {{timeout: {{seconds: 3, child: {{{SLOW}}}}}}}}}"
+    return only(tmp_path, f"timeout: {{seconds: 1 min, child: {{{limit}}}}}")
+
+
+def test_the_timeout_that_ended_a_leaf_is_named_with_its_time_in_seconds(tmp_path: Path) -> None:
+    """`300 ms s` ended it; and of several timeouts, only the innermost one was considered."""
+    [story] = stories(timed_out(tmp_path))
+    (cause,) = story.causes
+    assert cause.kind == "TOO_LITTLE_TIME"
+    assert cause.sentence.endswith(
+        "had run for 0.40 s when the timeout 'timeout/timeout' ended it: not finished within 0.4 s"
+    )
+
+
+@pytest.mark.parametrize("asked", ["0.4", "0.42"])
+def test_a_timeout_is_a_failure_at_its_time(asked: str, tmp_path: Path) -> None:
+    """Nothing had failed, as no leaf did: the leaf was halted."""
+    [story] = stories(timed_out(tmp_path), asked)
+    assert story.status == "HALTED"
+    assert story.ended_s == pytest.approx(0.4)
+    assert story.causes[0].kind == "TOO_LITTLE_TIME"
+
+
+def test_a_leaf_that_was_halted_within_a_timeout_has_not_run_out_of_time(tmp_path: Path) -> None:
+    """The timeout around it fails later, as another leaf in it does."""
+    race = f"parallel: {{policy: any, children: [{{{SLOW}}}, {{wait: 0.1}}]}}"
+    inner = f"sequence: [{{{race}}}, {{fail: {{}}}}]"
+    record = only(tmp_path, f"timeout: {{seconds: 5, child: {{{inner}}}}}")
+    [halted] = stories(record, "move_joints")
+    assert halted.status == "HALTED"
+    assert "timeout '" not in halted.causes[0].sentence
+
+
 def test_the_joint_that_applies_its_whole_effort_is_the_cause(tmp_path: Path) -> None:
     """Its drive is weak by the draw of seed 2; a joint that lags behind for it was named alone."""
     text = """
