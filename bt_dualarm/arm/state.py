@@ -300,14 +300,19 @@ class ArmContacts:
         """Stop to monitor; returns metrics of the contacts, none if nothing was touched.
 
         Args:
-            asked: Names of the objects that the leaf was asked to handle: those do not count.
+            asked: Names of the objects that the leaf was asked to handle: those do not count, and
+                neither does what moves on their joints, such as the door of a named handle.
         """
         if self._monitor is None:
             return {}
         monitor = self._monitor
         self._monitor = None
         self._contacts.end(monitor)
-        forces = {name: force for name, force in monitor.forces_n.items() if name not in asked}
+        forces = {
+            name: force
+            for name, force in monitor.forces_n.items()
+            if name not in asked and name.partition(".")[0] not in asked
+        }
         if not forces:
             return {}
         hardest_first = sorted(forces, key=lambda name: (-forces[name], name))

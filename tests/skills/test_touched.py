@@ -10,7 +10,7 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from tests.families import some
 from tests.plays import Stage
-from tests.skills.scenarios import Tree
+from tests.skills.scenarios import CABINET, GRIPPING, PULLS, Tree
 
 BALL: Tree = {"shape": "sphere", "size": [0.04], "mass": 0.1, "spawned": False}
 
@@ -62,6 +62,18 @@ def test_an_object_that_was_held_does_not_count_as_touched(stage: Stage) -> None
     leaf = stage.run(file).leaf("place")
     assert leaf.status == "SUCCESS", leaf.reason
     assert "touched" not in leaf.metrics
+
+
+def test_what_moves_on_a_joint_of_the_named_object_does_not_count_as_touched(stage: Stage) -> None:
+    """The handle of a named cabinet belongs to the object that the joint moves."""
+    file: Tree = {
+        "world": {"scene": "table", "reality": "lab", "time_limit": 30},
+        "objects": CABINET,
+        "arms": {"arm1": GRIPPING | {"tree": PULLS}},
+    }
+    leaf = stage.run(file).leaf("grasp")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert "touched" not in leaf.metrics, leaf.metrics
 
 
 def put_wall(world: World) -> None:
