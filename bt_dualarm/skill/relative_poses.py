@@ -139,7 +139,8 @@ class _Resolver:
     def _surface(self, object_pose: Pose, middle: Vector, wanted: RelativePose) -> float:
         """Distance of the object's surface from its origin, along the direction, m.
 
-        In something hollow, an object stands on the inner floor, not at the height of the rim.
+        In something hollow, an object stands on the inner floor, not at the height of the rim. On
+        what is convex, it stands on the highest point, as it would be in it elsewhere.
 
         Args:
             object_pose: Pose of the object.
@@ -148,7 +149,7 @@ class _Resolver:
         """
         body = self._body(wanted.reference)
         along = object_pose.inverse.turn(wanted.direction)
-        if wanted.on is not None and not body.is_simple:
+        if wanted.on is not None and len(body.parts) > 1:
             place = middle + np.array((*wanted.xyz[:2], 0.0))
             start = object_pose.inverse.apply(place + _FARTHEST_M * wanted.direction)
             length = body.ray(start, -along)

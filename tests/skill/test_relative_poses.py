@@ -107,6 +107,25 @@ def test_surfaces_of_two_objects_touch(shape: str) -> None:
         assert x > 0.55 + 0.01 + 0.019
 
 
+@pytest.mark.parametrize(
+    ("shape", "size", "highest"),
+    [
+        ("box", (0.2, 0.2, 0.04), 0.1 * np.sin(0.25) + 0.02 * np.cos(0.25)),
+        ("prism", (0.1, 0.04), 0.1 * np.sin(0.25) + 0.02 * np.cos(0.25)),  # a corner is at +x
+        ("cylinder", (0.1, 0.04), 0.1 * np.sin(0.25) + 0.02 * np.cos(0.25)),
+    ],
+)
+def test_on_a_tilted_object_is_on_its_highest_point(
+    shape: str, size: tuple[float, ...], highest: float
+) -> None:
+    """What stands above its middle only would be in it."""
+    pose = PoseSpec(xyz=(0.5, 0.1, 0.5), rpy=(0.0, float(np.degrees(0.25)), 0.0))
+    tilted = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose)  # type: ignore[arg-type]
+    arm = Bench(tilted=tilted, thing=box((2, 2, 2))).first
+    on = resolved(arm, "of", {"on": "tilted", "rpy": [0, 0, 0]}, object="thing")
+    assert on.xyz == pytest.approx((0.5, 0.1, 0.5 + highest + 0.025), abs=1e-6)
+
+
 @pytest.mark.parametrize("corner", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
 def test_meshes_are_placed_by_their_middle(
     corner: tuple[float, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
