@@ -280,11 +280,26 @@ class Evidence:
             keys = REFERENCE.findall(value) if isinstance(value, str) else keys_in(value)
             for key in dict.fromkeys(keys):
                 written = [
-                    note for note in self.notes("wrote", until=self.ended) if note["key"] == key
+                    note
+                    for note in self.notes("wrote", until=self.ended)
+                    if note["key"] == key and self._came_before(note)
                 ]
                 last = written[-1] if written else {"value": None, "leaf": None, "time_s": None}
                 found.append({"key": key, "port": port, **_only(last, "value", "leaf", "time_s")})
         return found
+
+    def _came_before(self, note: Facts) -> bool:
+        """Whether a leaf had written a key before this one ended, not later in the same tick."""
+        end = self.root_cause.end
+        if end is None or note["time_s"] < end.time:
+            return True
+        return all(
+            change.index < end.index
+            for node in self.timeline.roots[self.arm].walk()
+            if node.path == note["leaf"]
+            for change in node.changes
+            if change.time == end.time
+        )
 
     @property
     def decided_before(self) -> Evidence | None:

@@ -363,6 +363,18 @@ def test_a_leaf_that_was_halted_within_a_timeout_has_not_run_out_of_time(tmp_pat
     assert "timeout '" not in halted.causes[0].sentence
 
 
+def test_a_key_that_is_written_later_in_the_same_tick_was_not_written_yet(tmp_path: Path) -> None:
+    """`set` was said to have written the 1 that `test` had not found."""
+    retried = 'selector: [{test: "{n} == 1"}, {set: {key: n, value: 1}}]'
+    record = only(
+        tmp_path, f"sequence: [{{set: {{key: n, value: 0}}}}, {{{retried}}}, {{fail: {{}}}}]"
+    )
+    [story] = stories(record, "test")
+    (key,) = story.keys
+    assert (key["leaf"], key["value"]) == ("sequence/set", 0)
+    assert "had written n = 0" in story.causes[0].sentence
+
+
 def test_the_joint_that_applies_its_whole_effort_is_the_cause(tmp_path: Path) -> None:
     """Its drive is weak by the draw of seed 2; a joint that lags behind for it was named alone."""
     text = """
