@@ -40,11 +40,12 @@ from bt_dualarm.robots.robot_description import (
     with_gripper,
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
-from bt_dualarm.runtime.grasp_check import unfit_grasps
+from bt_dualarm.runtime.grasp_check import object_of_part, unfit_grasps
 from bt_dualarm.sim.composition import name_of_geom, names_in, scene_names, scene_spec
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.grasp_search import TakingPorts
 from bt_dualarm.skill.looking import SightPorts, geoms_ahead
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
@@ -391,7 +392,9 @@ def _known(given: str, known: Iterable[str]) -> str:
 def overloads(
     file: TreeFile, robots: Mapping[str, Robot], kinds: Mapping[str, NodeType]
 ) -> Iterator[Problem]:
-    """Yields a warning for every carried object that is heavier than the arm's payload.
+    """Yields a warning for every object that an arm is to pick up or carry, but is too heavy.
+
+    It is heavier than the arm's payload, or it is fixed. The first leaf counts.
 
     Args:
         file: File without errors.
@@ -400,13 +403,31 @@ def overloads(
     """
     for name, arm in file.arms.items():
         payload = robots[name].payload
+        bears = math.inf if arm.gripper is None else load_gripper(arm.gripper, file.root).payload
+        reported = set[str]()
         for node in arm.tree.walk():
-            for port, name_of_object in _carried(node, kinds):
-                spec = file.objects.get(name_of_object)
-                mass = 0.0 if spec is None else spec.total_mass
-                if payload is not None and mass > payload:
-                    message = f"{node.kind}: {port}: {name_of_object} weighs {mass:g} kg"
+            picked = dict(_picked(node, kinds))
+            for port, name_of_object in {**picked, **dict(_carried(node, kinds))}.items():
+                part = node.ports.get("part")
+                spec = None
+                if not is_dynamic(part):
+                    spec = object_of_part(file.objects, name_of_object, part)
+                if spec is None or name_of_object in reported:
+                    continue
+                mass = spec.total_mass
+                message = hint = ""
+                if port in picked and spec.fixed:
+                    if not issubclass(kinds[node.kind].ports, TakingPorts):  # else: unfit_grasps
+                        message = "is fixed: no arm can carry it"
+                        hint = "leave out `fixed`, or name another object"
+                elif port in picked and (spec.joint is not None or mass > bears):
+                    continue  # the joint bears it, or unfit_grasps warns of it
+                elif payload is not None and mass > payload:
+                    message = f"weighs {mass:g} kg"
                     hint = f"the payload of {name}, a {robots[name].full_name}, is {payload:g} kg"
+                if message:
+                    reported.add(name_of_object)
+                    message = f"{node.kind}: {port}: {name_of_object} {message}"
                     yield replace(node.port_problem((port,), message, hint), severity="warning")
 
 
@@ -477,6 +498,16 @@ def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[st
         refers = metadata_of(declared, Refers)
         value = node.ports.get(port)
         if refers is not None and refers.to == ("object",) and isinstance(value, str):
+            yield port, value
+
+
+def _picked(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[str, str]]:
+    """Yields ports with the names of the objects that a node picks up where they are."""
+    fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
+    for port, declared in fields.items():
+        refers = metadata_of(declared, Refers)
+        value = node.ports.get(port)
+        if refers is not None and refers.where_it_is and isinstance(value, str):
             yield port, value
 
 
@@ -588,11 +619,11 @@ def unknown_places(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Pr
         file: File without errors.
         kinds: All node types, by name.
     """
-    moved = {
-        name: math.hypot(*spec.noise.xyz[:2])
-        for name, spec in file.objects.items()
-        if max(spec.noise.xyz) > _SURE_M
-    }
+    moved = {}
+    for name, spec in file.objects.items():
+        noise = spec.noise.xyz if spec.fixed else spec.noise.xyz[:2]  # others fall
+        if max(noise) > _SURE_M:
+            moved[name] = math.hypot(*noise)
     for arm_name, arm in file.arms.items():
         nodes = [*arm.tree.walk()]
         named = {
@@ -604,9 +635,7 @@ def unknown_places(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Pr
         if any("{" in name for name in named):
             continue  # it may be any object
         for node in nodes:
-            for port, value in node.ports.items():
-                if not isinstance(value, dict):
-                    continue
+            for port, path, value in _poses_in(node):
                 relations = (value.get(word) for word in RELATIONS)
                 given = next((one for one in relations if isinstance(one, str)), "")
                 obj = given.partition(".")[0]
@@ -619,8 +648,26 @@ def unknown_places(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Pr
                         f"it assumes the pose in the file: `locate: {{object: {obj}}}` with a "
                         "camera before"
                     )
-                    problem = node.port_problem((port,), message, hint)
+                    problem = node.port_problem(path, message, hint)
                     yield replace(problem, severity="warning")
+
+
+def _poses_in(node: NodeSpec) -> Iterator[tuple[str, DataPath, Mapping[str, Data]]]:
+    """Yields mappings that may be poses: ports, their elements, and the direction of `keep`.
+
+    Each with its port and with its path in the ports.
+    """
+    for port, value in node.ports.items():
+        if isinstance(value, dict):
+            yield port, (port,), value
+            facing = value.get("facing")
+            toward = facing.get("toward") if isinstance(facing, dict) else None
+            if isinstance(toward, dict):
+                yield port, (port, "facing", "toward"), toward
+        elif isinstance(value, list | tuple):
+            for index, one in enumerate(value):
+                if isinstance(one, dict):
+                    yield port, (port, index), one
 
 
 def _refers_to_object(node: NodeSpec, port: str, kinds: Mapping[str, NodeType]) -> bool:
@@ -661,15 +708,24 @@ def out_of_reach(
             for port, declared in fields.items():
                 goal = metadata_of(declared, Goal)
                 value = node.ports.get(port)
-                complaint = reach.complaint(value, goal, _free_axes(node)) if goal else None
+                complaints: list[tuple[DataPath, tuple[str, str] | None]] = []
+                if goal:
+                    poses: dict[DataPath, Data] = {(port,): value}
+                    if isinstance(value, list | tuple):
+                        poses = {(port, index): one for index, one in enumerate(value)}
+                    free = _free_axes(node)
+                    complaints = [
+                        (path, reach.complaint(one, goal, free)) for path, one in poses.items()
+                    ]
                 refers = metadata_of(declared, Refers)
                 if refers is not None and refers.where_it_is and value in unmoved[name]:
-                    complaint = reach.of_object(node, file.objects[value])
-                if complaint and found < MOST_WARNINGS:
-                    found += 1
-                    message = f"{node.kind}: {port}: {complaint[0]}"
-                    problem = node.port_problem((port,), message, complaint[1])
-                    yield replace(problem, severity="warning")
+                    complaints = [((port,), reach.of_object(node, file.objects[value]))]
+                for path, complaint in complaints:
+                    if complaint and found < MOST_WARNINGS:
+                        found += 1
+                        message = f"{node.kind}: {port}: {complaint[0]}"
+                        problem = node.port_problem(path, message, complaint[1])
+                        yield replace(problem, severity="warning")
 
 
 def _unmoved(file: TreeFile, kinds: Mapping[str, NodeType]) -> Mapping[str, frozenset[str]]:

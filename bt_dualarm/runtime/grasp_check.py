@@ -44,7 +44,7 @@ def unfit_grasps(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Prob
                 continue
             if not isinstance(wanted, str) or is_dynamic(part) or is_dynamic(mass):
                 continue
-            obj = _owner(file.objects, wanted, part)
+            obj = object_of_part(file.objects, wanted, part)
             if obj is None:
                 continue
             key = (wanted, part, mass)
@@ -57,7 +57,9 @@ def unfit_grasps(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Prob
                 yield replace(problem, severity="warning")
 
 
-def _owner(objects: Mapping[str, ObjectSpec], wanted: str, part: object) -> ObjectSpec | None:
+def object_of_part(
+    objects: Mapping[str, ObjectSpec], wanted: str, part: object
+) -> ObjectSpec | None:
     """The named object, or what a joint of it moves with the part; None if it is not declared."""
     obj = objects.get(wanted)
     if obj is None or part is None or part in obj.parts:

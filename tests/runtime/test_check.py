@@ -118,6 +118,7 @@ def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry:
     [
         ("{reach_to_pose: {to: {xyz: [5, 0, 0.3]}}}", "out of reach of arm1"),
         ("{reach_to_pose: {to: {xyz: [0.3, 0.2, 0.8], rpy: [0, 0, 0]}}}", ""),
+        ("{move_through: {poses: [{xyz: [0.3, 0.2, 0.8]}, {xyz: [5, 0, 0.3]}]}}", "out of reach"),
         (
             f"{{sequence: [{TAKE}, {{transport: {{to: {{xyz: [0, 0, 3]}}}}}}]}}",
             "out of reach of arm1",
@@ -212,6 +213,13 @@ def test_an_object_out_of_reach_is_a_warning_unless_it_may_be_brought(
             "",
         ),
         ("[0.03, 0.04, 0]", "{reach_to_pose: {to: {in_frame: tool, xyz: [0, 0, -0.05]}}}", ""),
+        ("[0.03, 0.04, 0]", "{move_through: {poses: [{above: cube, by: 0.1}]}}", "by up to 50 mm"),
+        (
+            "[0.03, 0.04, 0]",
+            "{reach_to_pose: {posture: up, keep: {facing: {toward: {in_frame: cube}, within: 9}}}}",
+            "by up to 50 mm",
+        ),
+        ("[0, 0, 0.03]", "{reach_to_pose: {to: {above: cube, by: 0.1}}}", ""),  # it falls
     ],
 )
 def test_a_pose_relative_to_a_randomized_object_is_a_warning_unless_located(
@@ -294,6 +302,38 @@ def test_a_load_beyond_the_payload_is_a_warning(
         assert [one.severity for one in found] == ["warning"] * count
         assert all(f"cube weighs {mass:g} kg" in one.message for one in found)
         assert all(f"a {robot}, is {most:g} kg" in one.hint for one in found)
+
+
+@pytest.mark.parametrize(
+    ("gripper", "leaf", "hint"),
+    [
+        ("", "approach_and_attach: {object: cube}", "the payload of arm1, a xarm7, is 3.5 kg"),
+        ("gripper: robotiq_2f85\n", "grasp: {object: cube}", "with robotiq_2f85, is 2.575 kg"),
+        ("gripper: panda_hand\n", "grasp: {object: cube}", "panda_hand may hold 3 kg"),
+    ],
+)
+def test_a_load_is_weighed_where_it_is_picked_up(
+    gripper: str, leaf: str, hint: str, tmp_path: Path, registry: Registry
+) -> None:
+    """Only leaves that carry a named object did so; `grasp` then failed with OVERLOADED."""
+    path = tmp_path / "task.yaml"
+    robot = f"{gripper and gripper + 4 * ' '}robot: xarm7"
+    file = FILE.replace("mass: 0.1", "mass: 4").replace("robot: {robot}", robot)
+    carry = "transport: {to: {xyz: [0.3, 0.1, 0.4]}}"
+    path.write_text(file.format(**{**GOOD, "tree": f"{{sequence: [{{{leaf}}}, {{{carry}}}]}}"}))
+    (found,) = check(path, registry.kinds).problems
+    assert found.message.endswith(": object: cube weighs 4 kg")
+    assert found.hint.endswith(hint)
+
+
+def test_attaching_a_fixed_object_is_a_warning(tmp_path: Path, registry: Registry) -> None:
+    """A part that moves on a joint can be attached; otherwise the leaf fails."""
+    path = tmp_path / "task.yaml"
+    for part, count in (("", 1), (", part: frame", 1), (", part: drawer", 0)):
+        leaf = f"{{approach_and_attach: {{object: cabinet{part}}}}}"
+        path.write_text(CABINET.replace("TREE", leaf))
+        found = check(path, registry.kinds).problems
+        assert ["cabinet is fixed" in one.message for one in found] == [True] * count
 
 
 TOGETHER = """
