@@ -253,6 +253,14 @@ class Evidence:
         """Time of its end, or of the record's end, in s."""
         return min(self.root_cause.time, self.record.until)
 
+    @property
+    def around(self) -> float:
+        """Time in s at which to look at what other arms did when it ended.
+
+        The end of a run halts all leaves in one tick, and so may a timeout: the moment before.
+        """
+        return self.ended - 1e-6 if self.code == "HALTED" else self.ended
+
     @cached_property
     def began(self) -> float:
         """Time at which this run of it began, in s."""

@@ -110,7 +110,7 @@ def held_still_causes(e: Evidence) -> Iterator[Cause]:
             sentence = f"{holder} let go of {into} at {lost[0]:.2f} s{doing}"
             yield e.cause("LET_GO", sentence, remedy, time_s=lost[0])
             continue
-        running = e.timeline.roots[holder].leaves_at(e.ended, "RUNNING")
+        running = e.timeline.roots[holder].leaves_at(e.around, "RUNNING")
         holding = [
             leaf
             for leaf in running
@@ -119,7 +119,7 @@ def held_still_causes(e: Evidence) -> Iterator[Cause]:
         if not holding and e.code not in KINEMATIC_CODES:
             sentence = (
                 f"{holder}, which holds {into}, was not in hold_still with partner: {e.arm}"
-                f"{_running(e, holder, e.ended)}"
+                f"{_running(e, holder, e.around)}"
             )
             yield e.cause("OTHER_ARM", sentence, remedy)
 
@@ -358,8 +358,8 @@ def _other_grasp(e: Evidence) -> str:
 def other_arm(e: Evidence, other: str) -> Cause:
     """Cause for another arm in the path of this one, with the leaf that it was running."""
     root = e.timeline.roots[other]
-    doing = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
-    state = root.status_at(e.ended)
+    doing = [leaf.path for leaf in root.leaves_at(e.around, "RUNNING")]
+    state = root.status_at(e.around)
     if doing:
         what = f"{other} was there, running {doing[0]!r}"
     else:
@@ -700,7 +700,7 @@ def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
         end = deciding.end or failed
         sentence = f"{other} had failed at {end.time:.2f} s, at {deciding.leaf.path!r}"
         return f"{sentence} with {end.code}: {end.reason}", deciding.leaf.path, end.time
-    doing = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
+    doing = [leaf.path for leaf in root.leaves_at(e.around, "RUNNING")]
     if doing:
         return f"{other} was at {doing[0]!r} then", doing[0], None
-    return f"the tree of {other} was {root.status_at(e.ended)} then", "", None
+    return f"the tree of {other} was {root.status_at(e.around)} then", "", None

@@ -90,3 +90,15 @@ def test_timeout_of_an_insertion_is_not_blamed_on_the_arm_that_holds_the_hole(
     found = [one for one in stories(recorded(tmp_path, text)) if one.kind == "insert"]
     assert insert
     assert [one.causes[0].kind for one in found] == ["TOO_LITTLE_TIME"]
+
+
+def test_arm_that_held_still_to_the_end_of_the_run_is_not_blamed_for_it(tmp_path: Path) -> None:
+    """The end of the run halted both leaves in one tick, and `hold_still` was not running then."""
+    holding = "{hold_still: {partner: comer, duration: 9.0}}"
+    text = FILE.format(holding=holding, offset=[-0.1, 0.05, -0.1])
+    record = recorded(tmp_path, text.replace("into: post", "into: post, speed: 0.02"), duration=5)
+    found = {one.kind: one.causes for one in stories(record)}
+    assert [one.kind for one in found["move_linear"]] == ["TOO_LITTLE_TIME"]
+    waited, ended = found["hold_still"]
+    assert waited.sentence.endswith(": comer was at 'sequence/move_linear' then")
+    assert ended.kind == "TOO_LITTLE_TIME"
