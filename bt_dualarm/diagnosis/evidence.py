@@ -259,7 +259,8 @@ class Evidence:
 
         The end of a run halts all leaves in one tick, and so may a timeout: the moment before.
         """
-        return self.ended - 1e-6 if self.code == "HALTED" else self.ended
+        end = self.root_cause.end  # a halted node with children has no code
+        return self.ended - 1e-6 if end is not None and _was_halted(end) else self.ended
 
     @cached_property
     def began(self) -> float:

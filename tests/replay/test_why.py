@@ -363,6 +363,18 @@ def test_a_leaf_that_was_halted_within_a_timeout_has_not_run_out_of_time(tmp_pat
     assert "timeout '" not in halted.causes[0].sentence
 
 
+def test_an_arm_whose_claim_is_waited_for_was_at_work_when_the_run_ended(tmp_path: Path) -> None:
+    """Its tree was "INVALID then": the end of the run halts all nodes in one tick."""
+    tree = "{claim: {object: ball, child: {wait: 5}}}"
+    ball = "ball: {shape: sphere, size: [0.05], mass: 1, pose: {xyz: [1, 1, 0.05]}}"
+    first = f"a: {{robot: ur5, tree: {tree}}}"
+    second = f"b: {{robot: ur5, base: {{xyz: [3, 0, 0]}}, tree: {tree}}}"
+    text = f"bt_dualarm: 1\nobjects: {{{ball}}}\narms: {{{first}, {second}}}\n"
+    [waited] = [one for one in stories(recorded(tmp_path, text, duration=1)) if one.arm == "b"]
+    assert waited.kind == "claim"
+    assert waited.causes[0].sentence.endswith(": a was at 'claim/wait' then")
+
+
 def test_a_key_that_is_written_later_in_the_same_tick_was_not_written_yet(tmp_path: Path) -> None:
     """`set` was said to have written the 1 that `test` had not found."""
     retried = 'selector: [{test: "{n} == 1"}, {set: {key: n, value: 1}}]'
