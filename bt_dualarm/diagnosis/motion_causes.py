@@ -358,7 +358,7 @@ def _other_grasp(e: Evidence) -> str:
 def other_arm(e: Evidence, other: str) -> Cause:
     """Cause for another arm in the path of this one, with the leaf that it was running."""
     root = e.timeline.roots[other]
-    doing = [leaf.path for leaf in root.leaves_at(e.around, "RUNNING")]
+    doing = [node.path for node in root.at_work(e.around)]
     state = root.status_at(e.around)
     if doing:
         what = f"{other} was there, running {doing[0]!r}"
@@ -700,7 +700,7 @@ def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
         end = deciding.end or failed
         sentence = f"{other} had failed at {end.time:.2f} s, at {deciding.leaf.path!r}"
         return f"{sentence} with {end.code}: {end.reason}", deciding.leaf.path, end.time
-    doing = [leaf.path for leaf in root.leaves_at(e.around, "RUNNING")]
+    doing = [node.path for node in root.at_work(e.around)]
     if doing:
         return f"{other} was at {doing[0]!r} then", doing[0], None
     return f"the tree of {other} was {root.status_at(e.around)} then", "", None

@@ -217,9 +217,8 @@ def _root_causes(record: Record, timeline: Timeline, asked: str | None) -> list[
     # A node that runs while none of its children does waits itself: a claim, a pause of a retry.
     running = [
         RootCause(chain_of(timeline.roots[node.arm], node), None, at=time)
-        for node in timeline.nodes()
-        if node.status_at(time) == "RUNNING"
-        and all(child.status_at(time) != "RUNNING" for child in node.children)
+        for tree in timeline.roots.values()
+        for node in tree.at_work(time)
     ]
     # Of those that failed in the latest tick, children did before their parents. A timeout or an
     # inverter fails without a leaf that does.

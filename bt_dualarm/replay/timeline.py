@@ -544,6 +544,15 @@ class TimelineNode:
         leaves = (node for node in self.walk() if not node.children)
         return [leaf for leaf in leaves if leaf.status_at(time) == status]
 
+    def at_work(self, time: float) -> list[TimelineNode]:
+        """Descendants that ran at a time in s while none of their children did: leaves, waits."""
+        return [
+            node
+            for node in self.walk()
+            if node.status_at(time) == "RUNNING"
+            and all(child.status_at(time) != "RUNNING" for child in node.children)
+        ]
+
     def last(self, *statuses: str, before: int | None = None) -> Change | None:
         """Its last change to one of the statuses, before the change with index ``before``."""
         found = [

@@ -363,16 +363,29 @@ def test_a_leaf_that_was_halted_within_a_timeout_has_not_run_out_of_time(tmp_pat
     assert "timeout '" not in halted.causes[0].sentence
 
 
-def test_an_arm_whose_claim_is_waited_for_was_at_work_when_the_run_ended(tmp_path: Path) -> None:
-    """Its tree was "INVALID then": the end of the run halts all nodes in one tick."""
-    tree = "{claim: {object: ball, child: {wait: 5}}}"
+def test_arms_whose_claim_is_waited_for_were_at_work_when_the_run_ended(tmp_path: Path) -> None:
+    """Their trees were "INVALID then": the end of a run halts all nodes in one tick.
+
+    The tree of an arm that waited as well was `RUNNING then`.
+    """
     ball = "ball: {shape: sphere, size: [0.05], mass: 1, pose: {xyz: [1, 1, 0.05]}}"
-    first = f"a: {{robot: ur5, tree: {tree}}}"
-    second = f"b: {{robot: ur5, base: {{xyz: [3, 0, 0]}}, tree: {tree}}}"
-    text = f"bt_dualarm: 1\nobjects: {{{ball}}}\narms: {{{first}, {second}}}\n"
-    [waited] = [one for one in stories(recorded(tmp_path, text, duration=1)) if one.arm == "b"]
-    assert waited.kind == "claim"
-    assert waited.causes[0].sentence.endswith(": a was at 'claim/wait' then")
+    claim = f"claim: {{object: ball, child: {{{SLOW}}}}}"
+    arms = [
+        f"{name}: {{robot: ur5, base: {{xyz: [{3 * index}, 0, 0]}}, "
+        f"tree: {{delay: {{seconds: {0.1 * (index + 1):g}, child: {{{claim}}}}}}}}}"
+        for index, name in enumerate("abc")
+    ]
+    text = f"bt_dualarm: 1\nobjects: {{{ball}}}\narms: {{{', '.join(arms)}}}\n"
+    found = {one.arm: one.causes for one in stories(recorded(tmp_path, text, duration=1))}
+    at_work = {
+        "a": ": a was at 'delay/claim/move_joints' then",
+        "b": ": b was at 'delay/claim' then",
+    }
+    for arm, others in (("b", "a"), ("c", "ab")):
+        waits = [one.sentence for one in found[arm] if one.kind == "OTHER_ARM"]
+        assert len(waits) == len(others)
+        for other in others:
+            assert any(one.endswith(at_work[other]) for one in waits), waits
 
 
 def test_a_key_that_is_written_later_in_the_same_tick_was_not_written_yet(tmp_path: Path) -> None:
