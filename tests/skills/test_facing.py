@@ -11,6 +11,7 @@ from bt_dualarm.control.facing_servo import Facing
 from bt_dualarm.control.planar_servo import PlaneTarget
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.problems import SpecError
+from tests.glossary import METRICS
 from tests.plays import Stage
 from tests.skills.scenarios import Tree
 from tests.skills.test_track import CENTER, carried, lost_at, scenario
@@ -67,6 +68,7 @@ def test_facing_camera_turns_with_a_target_around_the_arm(
     assert float(leaf.metrics["true_rms_m"]) < 0.002
     assert tools[0].angle(tools[-1]) > math.radians(15.0)
     assert play.arm().clipped_setpoints == 0
+    assert leaf.metrics.keys() <= METRICS
 
 
 def test_facing_camera_searches_for_a_lost_target(stage: Stage) -> None:
