@@ -117,6 +117,10 @@ def descend(root: TimelineNode, end: Change) -> RootCause:
     return RootCause(tuple(chain), end, tuple(others))
 
 
+INVERTERS: Final = ("inverter", "not")
+"""Node types that fail when their child succeeds."""
+
+
 def chain_of(root: TimelineNode, leaf: TimelineNode) -> tuple[TimelineNode, ...]:
     """Nodes from the root to a leaf."""
     return tuple(
@@ -130,9 +134,9 @@ def _deciding(
     node: TimelineNode, began: Change, end: Change
 ) -> tuple[TimelineNode | None, Change | None, list[TimelineNode]]:
     """The deciding child, its change, and the leaves of other failed children."""
-    # An inverter fails because its child succeeds.
-    inverted = node.kind == "inverter" and end.new == "FAILURE"
-    blamed = "SUCCESS" if inverted else "FAILURE"
+    # An inverter fails because its child succeeds, and that because one of its own does.
+    succeeds = (end.new == "SUCCESS") != (node.kind in INVERTERS)
+    blamed = "SUCCESS" if succeeds else "FAILURE"
     ended = []
     for child in node.children:
         changes = [

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from bt_dualarm.diagnosis.evidence import (
+    INVERTERS,
     Cause,
     Evidence,
     RootCause,
@@ -96,7 +97,7 @@ _DATA_ERRORS: Final = (LookupError, TypeError, ValueError, AttributeError, Arith
 def causes_of(e: Evidence) -> tuple[Cause, ...]:
     """Causes of the end of a leaf, the most significant first; at least its own reason."""
     if e.root_cause.end is not None and e.root_cause.end.new == "SUCCESS":
-        return (e.cause("SUCCESS", f"{e.leaf.path!r} succeeded"),)
+        return (e.cause("SUCCESS", f"{e.leaf.path!r} succeeded{_inverted(e)}"),)
     found: list[Cause] = []
     unreadable: list[Cause] = []
     for rule in (_partner_causes, *_RULES):
@@ -115,6 +116,14 @@ def causes_of(e: Evidence) -> tuple[Cause, ...]:
     return (*(found or (_own_reason(e),)), *unreadable[:1])
 
 
+def _inverted(e: Evidence) -> str:
+    """Clause on the node that failed because the leaf succeeded; empty if none did."""
+    for node in reversed(e.root_cause.chain):
+        if node.kind in INVERTERS and node.status_at(e.ended) == "FAILURE":
+            return f", and {node.path!r} inverts that"
+    return ""
+
+
 def _own_reason(e: Evidence) -> Cause:
     """Cause that the leaf itself reports."""
     if e.leaf.kind == "fail":
@@ -127,6 +136,11 @@ def _own_reason(e: Evidence) -> Cause:
     if e.code == "EXCEPTION":
         sentence = f"the code of {e.leaf.kind} has a bug: {e.reason} (see run.log)"
         return e.cause("FAULT", sentence, leaf=e.leaf.path)
+    if e.leaf.kind == "force_failure":
+        sentence = f"{e.leaf.path!r} ({e.leaf.place}) fails whatever the result of its child"
+        return e.cause("SAID_SO", sentence, leaf=e.leaf.path)
+    if not e.code and e.root_cause.end is not None:
+        return e.cause("FAILED", f"{e.leaf.path!r} failed, though none of its children did")
     if not e.code:
         return e.cause("RUNNING", f"{e.leaf.path!r} was running, and nothing blocked it")
     return e.cause(e.code, e.reason or f"{e.leaf.path!r} ended with {e.code}")

@@ -388,6 +388,40 @@ def test_arms_whose_claim_is_waited_for_were_at_work_when_the_run_ended(tmp_path
             assert any(one.endswith(at_work[other]) for one in waits), waits
 
 
+@pytest.mark.parametrize(
+    ("tree", "leaf", "sentence"),
+    [
+        (
+            f"guard: {{condition: {{not: {{elapsed: 0.1}}}}, child: {{{SLOW}}}}}",
+            "guard/not/elapsed",
+            "'guard/not/elapsed' succeeded, and 'guard/not' inverts that",
+        ),
+        (
+            f"guard: {{condition: {{not: {{any: [{{elapsed: 0.1}}]}}}}, child: {{{SLOW}}}}}",
+            "guard/not/any/elapsed",
+            "'guard/not/any/elapsed' succeeded, and 'guard/not' inverts that",
+        ),
+        (
+            "inverter: {child: {inverter: {child: {fail: {reason: so}}}}}",
+            "inverter/inverter/fail",
+            "the tree failed on purpose (short.yaml:3): so",
+        ),
+        (
+            "force_failure: {child: {wait: 0.1}}",
+            "force_failure",
+            "'force_failure' (short.yaml:3) fails whatever the result of its child",
+        ),
+    ],
+)
+def test_a_node_that_fails_as_its_child_succeeds_was_not_running(
+    tree: str, leaf: str, sentence: str, tmp_path: Path
+) -> None:
+    """Of all but an `inverter` it was said that they were running, and nothing blocked them."""
+    [story] = stories(only(tmp_path, tree))
+    assert story.leaf == leaf
+    assert [one.sentence for one in story.causes] == [sentence]
+
+
 def test_a_key_that_is_written_later_in_the_same_tick_was_not_written_yet(tmp_path: Path) -> None:
     """`set` was said to have written the 1 that `test` had not found."""
     retried = 'selector: [{test: "{n} == 1"}, {set: {key: n, value: 1}}]'
