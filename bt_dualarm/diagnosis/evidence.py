@@ -138,7 +138,9 @@ def _deciding(
     succeeds = (end.new == "SUCCESS") != (node.kind in INVERTERS)
     blamed = "SUCCESS" if succeeds else "FAILURE"
     ended = []
-    for child in node.children:
+    # A cleanup is halted in the tick in which it begins, after what it cleans up.
+    children = node.children[:1] if node.kind == "on_halt" else node.children
+    for child in children:
         changes = [
             change
             for change in child.changes

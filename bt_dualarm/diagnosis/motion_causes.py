@@ -550,7 +550,8 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
 
 def _timeout(e: Evidence) -> tuple[str, str] | None:
     """Path and sentence of the timeout that halted the leaf; None if none did."""
-    if e.code != "HALTED":
+    end = e.root_cause.end
+    if end is None or end.new != "INVALID":
         return None
     for node in reversed(e.root_cause.chain):
         for change in node.changes:
@@ -699,7 +700,8 @@ def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
         deciding = descend(root, failed)
         end = deciding.end or failed
         sentence = f"{other} had failed at {end.time:.2f} s, at {deciding.leaf.path!r}"
-        return f"{sentence} with {end.code}: {end.reason}", deciding.leaf.path, end.time
+        how = ": ".join(filter(None, (end.code, end.reason)))
+        return f"{sentence} with {how}" if how else sentence, deciding.leaf.path, end.time
     doing = [node.path for node in root.at_work(e.around)]
     if doing:
         return f"{other} was at {doing[0]!r} then", doing[0], None

@@ -344,6 +344,24 @@ def test_the_timeout_that_ended_a_leaf_is_named_with_its_time_in_seconds(tmp_pat
     )
 
 
+def test_a_wait_that_a_timeout_has_halted_is_explained_by_it_as_well(tmp_path: Path) -> None:
+    """A claim has no code when it is halted. The code of the other arm was followed by a colon."""
+    ball = "ball: {shape: sphere, size: [0.05], mass: 1, pose: {xyz: [1, 1, 0.05]}}"
+    wait = "timeout: {seconds: 0.2, child: {claim: {object: ball, child: {wait: 1}}}}"
+    meets = "sequence: [{wait: 0.5}, {meet: there}]"
+    arms = (
+        f"a: {{robot: ur5, tree: {{sequence: [{{delay: {{seconds: 0.1, child: {{{wait}}}}}}}, "
+        "{meet: there}]}}, "
+        f"b: {{robot: ur5, base: {{xyz: [3, 0, 0]}}, tree: {{claim: {{object: ball, child: "
+        f"{{{meets}}}}}}}}}"
+    )
+    cell = "cell: {rendezvous: {there: [a, b]}}"
+    text = f"bt_dualarm: 1\nobjects: {{{ball}}}\n{cell}\narms: {{{arms}}}\n"
+    found = {one.arm: one.causes for one in stories(recorded(tmp_path, text))}
+    assert [one.kind for one in found["a"]] == ["OTHER_ARM", "TOO_LITTLE_TIME"]
+    assert not any(one.sentence.endswith((": ", "with ")) for one in found["b"])
+
+
 @pytest.mark.parametrize("asked", ["0.4", "0.42"])
 def test_a_timeout_is_a_failure_at_its_time(asked: str, tmp_path: Path) -> None:
     """Nothing had failed, as no leaf did: the leaf was halted."""
@@ -407,16 +425,25 @@ def test_arms_whose_claim_is_waited_for_were_at_work_when_the_run_ended(tmp_path
             "the tree failed on purpose (short.yaml:3): so",
         ),
         (
+            "timeout: {seconds: 0.1, child: {on_halt: {child: {wait: 1}, cleanup: {wait: 0.3}}}}",
+            "timeout/on_halt/wait",
+            "'timeout/on_halt/wait' had run for 0.10 s when the timeout 'timeout' ended it: not "
+            "finished within 0.1 s",
+        ),
+        (
             "force_failure: {child: {wait: 0.1}}",
             "force_failure",
             "'force_failure' (short.yaml:3) fails whatever the result of its child",
         ),
     ],
 )
-def test_a_node_that_fails_as_its_child_succeeds_was_not_running(
+def test_a_node_that_fails_unlike_its_child_is_explained_by_it(
     tree: str, leaf: str, sentence: str, tmp_path: Path
 ) -> None:
-    """Of all but an `inverter` it was said that they were running, and nothing blocked them."""
+    """Of all but an `inverter` it was said that they were running, and nothing blocked them.
+
+    A halted `on_halt` was explained by its cleanup, which had run for 0 s.
+    """
     [story] = stories(only(tmp_path, tree))
     assert story.leaf == leaf
     assert [one.sentence for one in story.causes] == [sentence]
