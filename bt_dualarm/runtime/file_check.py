@@ -40,12 +40,11 @@ from bt_dualarm.robots.robot_description import (
     with_gripper,
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
-from bt_dualarm.runtime.grasp_check import object_of_part, unfit_grasps
+from bt_dualarm.runtime.grasp_check import grasps, object_of_part, takes_over, unfit_grasps
 from bt_dualarm.sim.composition import name_of_geom, names_in, scene_names, scene_spec
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.grasp_search import TakingPorts
 from bt_dualarm.skill.looking import SightPorts, geoms_ahead
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
@@ -417,7 +416,7 @@ def overloads(
                 mass = spec.total_mass
                 message = hint = ""
                 if port in picked and spec.fixed:
-                    if not issubclass(kinds[node.kind].ports, TakingPorts):  # else: unfit_grasps
+                    if arm.gripper is None or not grasps(node, kinds[node.kind]):  # unfit_grasps
                         message = "is fixed: no arm can carry it"
                         hint = "leave out `fixed`, or name another object"
                 elif port in picked and (spec.joint is not None or mass > bears):
@@ -502,12 +501,17 @@ def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[st
 
 
 def _picked(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[str, str]]:
-    """Yields ports with the names of the objects that a node picks up where they are."""
-    fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
-    for port, declared in fields.items():
+    """Yields ports with the names of the objects that a node picks up, or takes from an arm."""
+    kind = kinds.get(node.kind)
+    if kind is None:
+        return
+    takes = takes_over(node, kind)
+    for port, declared in kind.ports.model_fields.items():
         refers = metadata_of(declared, Refers)
         value = node.ports.get(port)
-        if refers is not None and refers.where_it_is and isinstance(value, str):
+        if refers is None or not isinstance(value, str):
+            continue
+        if refers.where_it_is or (takes and refers.to == ("object",)):
             yield port, value
 
 

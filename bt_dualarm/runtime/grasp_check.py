@@ -36,25 +36,38 @@ def unfit_grasps(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Prob
             continue
         gripper = load_gripper(arm.gripper, file.root)
         knows_masses = resolved(file.world.reality, arm.reality, REALITY_SETS).payload.known
-        known: dict[tuple[str, object, object], tuple[str, str] | None] = {}
+        known: dict[tuple[str, object, object, bool], tuple[str, str] | None] = {}
         for node in arm.tree.walk():
             kind = kinds.get(node.kind)
             wanted, part, mass = (node.ports.get(port) for port in ("object", "part", "mass"))
-            if kind is None or not issubclass(kind.ports, TakingPorts):
+            if kind is None or not grasps(node, kind):
                 continue
             if not isinstance(wanted, str) or is_dynamic(part) or is_dynamic(mass):
                 continue
             obj = object_of_part(file.objects, wanted, part)
             if obj is None:
                 continue
-            key = (wanted, part, mass)
+            # What another arm hands over has been weighed.
+            weighed = knows_masses or takes_over(node, kind)
+            key = (wanted, part, mass, weighed)
             if key not in known:
-                known[key] = _complaint(node, gripper, obj, part, knows_masses=knows_masses)
+                known[key] = _complaint(node, gripper, obj, part, knows_masses=weighed)
             complaint = known[key]
             if complaint is not None:
                 message = f"{node.kind}: object: {complaint[0]}"
                 problem = node.port_problem(("object",), message, complaint[1])
                 yield replace(problem, severity="warning")
+
+
+def grasps(node: NodeSpec, kind: NodeType) -> bool:
+    """Whether a node takes one object with the gripper of its arm, if that has one."""
+    return issubclass(kind.ports, TakingPorts) or takes_over(node, kind)
+
+
+def takes_over(node: NodeSpec, kind: NodeType) -> bool:
+    """Whether a node takes an object out of another arm's hand; what both carry is shared."""
+    action = kind.counterpart
+    return kind.takes_hold and action is not None and action.kind != node.kind
 
 
 def object_of_part(

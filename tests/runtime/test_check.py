@@ -368,6 +368,31 @@ def test_arms_that_cannot_hold_one_object_at_once(
         assert sum("a and b cannot hold bar at once" in one for one in messages) == count, messages
 
 
+@pytest.mark.parametrize(
+    ("gripper", "size", "mass", "complaint"),
+    [
+        ("panda_hand", "[0.2, 0.03, 0.03]", 0.2, ""),
+        ("suction_cup", "[0.2, 0.03, 0.03]", 0.2, "bar has no face on which suction_cup seals"),
+        ("panda_hand", "[0.2, 0.082, 0.082]", 0.2, "bar is 82 mm wide"),
+        ("suction_cup", "[0.2, 0.06, 0.06]", 2.5, "bar weighs 2.5 kg"),
+        ("robotiq_2f85", "[0.2, 0.06, 0.06]", 2.5, "bar weighs 2.5 kg"),
+        ("", "[0.2, 0.06, 0.06]", 3.5, "bar weighs 3.5 kg"),
+    ],
+)
+def test_an_object_that_is_taken_over_has_to_fit_the_hand(
+    gripper: str, size: str, mass: float, complaint: str, tmp_path: Path, registry: Registry
+) -> None:
+    """Only `grasp` and `regrasp` were checked, and only `take_over` then failed, after the lift."""
+    text = TOGETHER.format(robot="ur5", away=0.8, mass=mass, **HAND)
+    hand = f"gripper: {gripper}, " if gripper else ""
+    taker = f"b: {{robot: ur3, {hand}"
+    text = text.replace("b: {robot: ur5, gripper: robotiq_2f85, ", taker)
+    path = tmp_path / "task.yaml"
+    path.write_text(text.replace("[0.4, 0.03, 0.03]", size))
+    found = [one.message for one in check(path, registry.kinds).problems if "take_" in str(one)]
+    assert found == ([f"take_over: object: {complaint}"] if complaint else [])
+
+
 @pytest.mark.parametrize(("robot", "most"), [("ur3", 4.15), ("ur5", 8.15)])
 def test_a_load_beyond_the_payload_of_all_that_carry_it_is_a_warning(
     tmp_path: Path, registry: Registry, robot: str, most: float
