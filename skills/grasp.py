@@ -20,6 +20,7 @@ from bt_dualarm import (
     ObjectPose,
     PickedObjectName,
     PortModel,
+    Pose,
     Skill,
     Taking,
     TakingPorts,
@@ -153,6 +154,7 @@ class Grasp(Skill):
             if object_pose is None:
                 yield from self._wait_for_rest(name)
             else:
+                object_pose = self._part_at(name, object_pose)
                 name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose)
             self._refuse_held_elsewhere(name)
         wanted = (
@@ -234,6 +236,23 @@ class Grasp(Skill):
         attempts = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
         codes = {one.code for one in attempts if isinstance(one, Failure)}
         return not attempts or "IN_COLLISION" in codes
+
+    def _part_at(self, name: str, pose: Pose) -> Pose:
+        """Pose of what is picked where the named object is given.
+
+        A part that moves on a joint is somewhere else. Where the object is, the arm knows from now
+        on: the path of the part depends on it.
+        """
+        hung = self.arm.world.objects[name].joint
+        if hung is None or name == self.ports.object:
+            return pose
+        known = self.arm.known
+        position = known.joint_position(name)
+        known.put(hung.owner, pose)
+        part = pose @ hung.spec.displacement(position)
+        if self.arm.world.joint_reading(name) is None:
+            known.put(name, part)
+        return part
 
     def _onward(self, name: str) -> JointPath | None:
         """Path of a part on its joint to where it will be moved, if that is given."""

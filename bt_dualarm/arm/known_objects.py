@@ -238,7 +238,10 @@ class KnownObjects:
         return self._world.nominal[arm].tool_link_pose_at(self._world.hardware[arm].q)
 
     def put(self, name: str, pose: Pose) -> None:
-        """Take over a pose in the world at which the arm's own leaf has spawned the object."""
+        """Take over a pose in the world at which a leaf of the arm has spawned the object.
+
+        Or at which the file tells a leaf that it is.
+        """
         self._set(name, KnownPose(pose, "declared", self._world.time))
 
     def refuse_dropped(self) -> None:

@@ -83,6 +83,26 @@ def test_lid_is_part_of_the_carried_load(stage: Stage) -> None:
     assert {contact.first, contact.second} == {"chest.hinge", "board"}
 
 
+@pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize("start", [0.0, 20.0])
+def test_lid_opens_of_a_chest_at_a_given_pose(start: float) -> None:
+    """`at` is where the chest is, not its lid; `operate` turns the lid about the hinge there."""
+    chest = {"noise": {"xyz": [0.05, 0.05, 0], "yaw": 20}}
+    hinge = {"hinge": CHEST["chest"]["joints"]["hinge"] | {"at": start, "friction": 0.1}}
+    file = file_of(**chest, joints=hinge) | {"bt_dualarm": 1, "name": "chest"}
+    file["arms"]["arm1"]["tree"] = {"wait": 1}
+    with bt.open(file) as run:
+        pose = run.world.object_pose("chest")
+    where = {"xyz": pose.position.tolist(), "quat": pose.quaternion.tolist()}
+    assert np.linalg.norm(pose.position - [0.40, -0.40, 0.44]) > 0.02
+    take = {"grasp": KNOB["grasp"] | {"at": where}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [take, OPEN]}
+    result = bt.run(file)
+    assert result.outcome == "SUCCESS", result
+    leaves = result.arms["arm1"].leaves
+    assert float(leaves["sequence/operate"].metrics["object_moved_m"]) < 0.004
+
+
 def test_pose_of_a_chest_that_slid_is_unknown(stage: Stage) -> None:
     """The lid is too stiff for a light chest; hand and sensor together show that it slid."""
     chest = copy.deepcopy(CHEST["chest"])
