@@ -125,6 +125,21 @@ class Operate(Skill):
                 away_m=away,
             )
 
+    def _refuse_moved_object(self) -> None:
+        """Refuse to go on pulling at an object that slides or tips.
+
+        Raises:
+            Failure: ``OBJECT_MOVED``.
+        """
+        moved = self._part.owner_moved_m
+        if moved is not None and moved > _SLIDES_M:
+            raise Failure(
+                "OBJECT_MOVED",
+                f"{self.ports.object} moved by {1e3 * moved:.0f} mm instead of its joint: it is "
+                "too light, or the joint is too stiff; another arm may hold it",
+                object_moved_m=moved,
+            )
+
     def _note_moved_object(self) -> None:
         """Measure whether the object itself has moved, if it is not fixed."""
         moved = self._part.forget_if_moved(self.ports.tolerance)
@@ -172,14 +187,7 @@ class Operate(Skill):
             arm.refuse_when_held_up(motion)
             if grip is not None:
                 grip.look()
-            moved = part.owner_moved_m
-            if moved is not None and moved > _SLIDES_M:
-                raise Failure(
-                    "OBJECT_MOVED",
-                    f"{ports.object} moved by {1e3 * moved:.0f} mm instead of its joint: it is too "
-                    "light, or the joint is too stiff; another arm may hold it",
-                    object_moved_m=moved,
-                )
+            self._refuse_moved_object()
             past.append((self.time, part.position))
             while self.time - past[0][0] > _STILL_S:
                 past.pop(0)
@@ -216,7 +224,14 @@ class Operate(Skill):
         raise Failure("FORCE_LIMIT", f"{part.name} needs {felt:.0f} N at {where}", **numbers)
 
     def _hold(self, goal: float) -> None:
-        """Give way sideways, and pull on what has left its goal; once per tick."""
+        """Give way sideways, and pull on what has left its goal; once per tick.
+
+        The farther an object that slides is pulled along, the less its joint has moved.
+
+        Raises:
+            Failure: ``OBJECT_MOVED``.
+        """
+        self._refuse_moved_object()
         behind = goal - self._part.position
         is_near = self._lever * abs(behind) <= _NEAR * self.ports.tolerance
         is_firm = self._felt(self._along) > self.ports.force
