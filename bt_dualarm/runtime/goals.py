@@ -26,6 +26,10 @@ from bt_dualarm.spec.joints import moved_name
 CHECK_S: Final = 0.004
 """Simulated seconds between two checks: the period of the controllers."""
 
+_TOUCHES_M: Final = 1e-4
+"""Gap below which an object stands on another one: in some steps, what rests on something light is
+some micrometers above it."""
+
 
 class _BodyIds(NamedTuple):
     """Ids of the bodies of a model.
@@ -203,11 +207,27 @@ class Referee(IdleObserver):
         up = found.frame[:, 2]
         supports = {*first[(second == upper) & (up > 0.5)].tolist()}
         supports |= {*second[(first == upper) & (up < -0.5)].tolist()}
-        if bodies[one.on] in supports:
+        if bodies[one.on] in supports or self._is_just_above(upper, bodies[one.on]):
             return ""
         others = [name for name in self._world.objects if bodies[name] in supports]
         but = f", but on {' and '.join(others)}" if others else ""
         return f"{one.object} does not stand on {one.on}{but}"
+
+    def _is_just_above(self, upper: int, lower: int) -> bool:
+        """Whether a body is less than `_TOUCHES_M` above another one, by their ids."""
+        model, data = self._world.model, self._world.data
+        is_solid = (model.geom_contype | model.geom_conaffinity) != 0
+        of_upper, of_lower = (
+            np.flatnonzero((model.geom_bodyid == body) & is_solid) for body in (upper, lower)
+        )
+        apart = data.geom_xpos[of_upper][:, None] - data.geom_xpos[of_lower]
+        reach = model.geom_rbound[of_upper][:, None] + model.geom_rbound[of_lower] + _TOUCHES_M
+        between = np.empty(6)
+        for i, j in np.argwhere(np.linalg.norm(apart, axis=2) < reach).tolist():
+            gap = mujoco.mj_geomDistance(model, data, of_lower[j], of_upper[i], _TOUCHES_M, between)
+            if 0.0 < gap < _TOUCHES_M and between[5] - between[2] > 0.5 * gap:
+                return True
+        return False
 
     def _body_ids(self) -> _BodyIds:
         """Ids of bodies, until the world is compiled again."""
