@@ -71,7 +71,9 @@ def _nothing_there(e: Evidence) -> Cause:
         sentence = f"there is no ground within {below:.0f} mm below {place}: {e.reason}"
         return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
     if "distance_m" not in e.numbers:  # the distance follows from a pose
-        remedy = "another `at`, `depth` or `direction`"
+        remedy = "a lower `at`"
+        if "depth" in e.ports:
+            remedy = "another `at`, `depth` or `direction`"
         if "push" in e.ports:
             remedy += "; or a stiffer or firmer hold of the hole"
         return e.cause("NOTHING_THERE", e.reason, remedy)

@@ -33,11 +33,13 @@ from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import (
+    CLEAR,
     TOUCHING,
     Obstacle,
     clearances,
     cup_grasps,
     jaw_grasps,
+    least_width,
     ranked,
 )
 from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, JawMeasures, Load
@@ -442,6 +444,18 @@ class HandoverSearch:
                 f"no grasp of {arm} on {self._object!r} beside the hand of {self._giver} leaves it "
                 f"room at `then_at`; {elsewhere}",
             )
+        gripper = self._world.grippers.get(arm)
+        if not self.grasps and gripper is not None and gripper.gripper.fingers:
+            opening = gripper.gripper.stroke
+            width = least_width(self._solid)
+            if width > opening - 2.0 * CLEAR:
+                return Failure(
+                    "OUT_OF_REACH",
+                    f"{self._object!r} is {1e3 * width:.0f} mm wide; the fingers of {arm} open to "
+                    f"{1e3 * opening:.0f} mm",
+                    width_m=width,
+                    opening_m=opening,
+                )
         if not self.grasps:
             assumed = " (assumed, as `mass` is not given)" if self._mass_is_assumed else ""
             return Failure(

@@ -90,6 +90,13 @@ def test_a_goal_without_ground_below(tmp_path: Path) -> None:
     assert "`at`" in cause.remedy
 
 
+def test_remedy_of_a_regrasp_without_ground_below_names_what_it_has(tmp_path: Path) -> None:
+    """It has neither a `depth` nor a `direction`, as `insert` has."""
+    high = "regrasp: {at: {xyz: [0.4, -0.45, 0.5], rpy: [0, 0, 0]}}"
+    cause = why(tmp_path, CUBE, f"[{GRASP}, {high}]")
+    assert (cause.kind, cause.remedy) == ("NOTHING_THERE", "a lower `at`")
+
+
 def test_an_object_that_was_never_grasped(tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{HIGH}]")
     assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: obj} before")

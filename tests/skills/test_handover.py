@@ -225,6 +225,16 @@ def test_refusal_states_the_mass_that_no_grasp_can_hold(
     assert f"leaves the hand of arm1 room and holds {weight}" in refusal.reason
 
 
+def test_refusal_states_that_the_fingers_of_the_taker_do_not_open_that_far(stage: Stage) -> None:
+    """Another grasp of the giver would not help, which the refusal advised."""
+    wide = ON_SHELF["cube"] | {"size": [0.16, 0.079, 0.079]}
+    wide["pose"] = {"xyz": [0.35, -0.4, 0.24]}
+    play = stage.run(file_with({"sequence": [GRASP, GIVE]}, TAKES, objects={"cube": wide}))
+    refusal = play.leaf("take_over", "arm2")
+    assert refusal.code == "OUT_OF_REACH"
+    assert refusal.reason == "'cube' is 79 mm wide; the fingers of arm2 open to 80 mm"
+
+
 def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     reverse = {**file, "arms": dict(reversed(file["arms"].items()))}
