@@ -5,7 +5,7 @@ Prints::
     look_at: SUCCESS after ... s
     locate: SUCCESS after 3.5 s
     grasp: SUCCESS after ... s
-    place: SUCCESS after 7.4 s
+    place: SUCCESS after 7.2 s
     located from 3 views, 0.4 mm off
     held by 5 N at a width of 50 mm
     placed 0.2 mm from the goal
