@@ -12,10 +12,10 @@ from benchmarks.task_parts import REACH, Task, armed, around, file_of, fixture, 
 from benchmarks.why_mistake import Tree, box
 from bt_dualarm.core.pose import Pose
 
-_STRONG: Final = ("ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7")
+STRONG: Final = ("ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7")
 """Robots that bear any hand with fingers and what it holds."""
 
-_FINGERS: Final = ("panda_hand", "robotiq_2f85")
+FINGERS: Final = ("panda_hand", "robotiq_2f85")
 
 
 def _moved(pose: Pose, z: float) -> list[float]:
@@ -26,7 +26,7 @@ def _moved(pose: Pose, z: float) -> list[float]:
 
 def _plugs(dice: Dice) -> Task:
     """An arm puts a pin into a hole that another arm holds, in any direction."""
-    robots = {name: dice.one(_STRONG) for name in ("holder", "plugger")}
+    robots = {name: dice.one(STRONG) for name in ("holder", "plugger")}
     reaches = [REACH[robot] for robot in robots.values()]
     apart = round(dice.number(0.6, 0.72) * sum(reaches), 3)
     middle = round(apart * reaches[0] / sum(reaches), 3)
@@ -97,7 +97,7 @@ def _plugs(dice: Dice) -> Task:
     arms: Tree = {
         "holder": {
             "robot": robots["holder"],
-            "gripper": dice.one(_FINGERS),
+            "gripper": dice.one(FINGERS),
             "base": {"xyz": [0, 0, 0]},
             "tree": {
                 "sequence": [
@@ -109,7 +109,7 @@ def _plugs(dice: Dice) -> Task:
         },
         "plugger": {
             "robot": robots["plugger"],
-            "gripper": dice.one(_FINGERS),
+            "gripper": dice.one(FINGERS),
             "base": {"xyz": [apart, 0, 0], "rpy": [0, 0, 180]},
         },
     }
@@ -149,8 +149,8 @@ def _plugs(dice: Dice) -> Task:
 def _regrips(dice: Dice) -> Task:
     """An arm sets an object down to take it another way, so that it can be placed."""
     arm, reach = armed(dice, list(REACH))
-    if arm["robot"] in _STRONG:
-        arm["gripper"] = dice.one(_FINGERS)
+    if arm["robot"] in STRONG:
+        arm["gripper"] = dice.one(FINGERS)
     angle = dice.number(-1.0, 1.0)
     top = dice.number(0.2, 0.35)
     begin = around(dice.number(0.6, 0.7) * reach, angle, top)
@@ -205,7 +205,7 @@ def _regrips(dice: Dice) -> Task:
 
 def _relays(dice: Dice) -> Task:
     """Three or four arms in a row pass objects on, over stands or from hand to hand."""
-    robots = [dice.one(_STRONG) for _ in range(dice.count(3, 4))]
+    robots = [dice.one(STRONG) for _ in range(dice.count(3, 4))]
     by_hand = dice.happens(0.35)
     names = [f"arm{i}" for i in range(1, len(robots) + 1)]
     top = dice.number(0.05, 0.2)
@@ -254,7 +254,7 @@ def _relays(dice: Dice) -> Task:
     for name, robot, (base, yaw) in zip(names, robots, bases, strict=True):
         arms[name] = {
             "robot": robot,
-            "gripper": dice.one(_FINGERS),
+            "gripper": dice.one(FINGERS),
             "base": {"xyz": base, "rpy": [0, 0, yaw]},
         }
     tree = file_of(dice, objects, arms)
@@ -334,8 +334,8 @@ def _relays(dice: Dice) -> Task:
 def _springs(dice: Dice) -> Task:
     """An arm moves a joint with a spring, holds it for a while, and lets it go."""
     arm, reach = armed(dice, ["ur5", "ur5e", "ur10", "ur10e", "panda", "fr3", "xarm7"])
-    if arm["robot"] in _STRONG:
-        arm["gripper"] = dice.one(_FINGERS)
+    if arm["robot"] in STRONG:
+        arm["gripper"] = dice.one(FINGERS)
     angle = dice.number(-1.0, 1.0)
     at = around(dice.number(0.72, 0.85) * reach, angle, dice.number(0.3, 0.5))
     yaw = round(float(np.degrees(angle)) + dice.number(-20, 20), 1)

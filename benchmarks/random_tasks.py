@@ -7,7 +7,10 @@ arms that share a zone and meet, towers, boxes that are turned over, doors and l
 that are filled and carried, and sorting by color, with random robots, objects, places and
 realities. `benchmarks.further_tasks` has more: pins that go into a hole which another arm holds,
 regrasps, relays of three or four arms, joints with springs, inspections by loops and conditions,
-and paths of all kinds. ``--kinds`` chooses among them, and ``--write N`` prints the tree of one.
+and paths of all kinds. `benchmarks.more_tasks` has arms that act together: takers that are not
+told where an object goes, boxes with lids that another arm opens, cups that pick, pass on and
+stack, loaded trays, arms that follow or move in step, loads that are tracked and handed over, and
+cells written in MJCF. ``--kinds`` chooses among them, and ``--write N`` prints the tree of one.
 
 ``plain`` runs them as they are: some are out of reach.
 
@@ -26,6 +29,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -34,10 +39,12 @@ import yaml
 import bt_dualarm
 from benchmarks.campaign import Campaign, add_options
 from benchmarks.further_tasks import FURTHER_TASKS
+from benchmarks.more_tasks import MORE_TASKS
 from benchmarks.random_programs import Dice
 from benchmarks.task_parts import (
     DOWN,
     REACH,
+    SCENE_FILE,
     Task,
     armed,
     around,
@@ -530,7 +537,7 @@ FIRST_TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {
     "tray": _trays,
     "sort": _sorts,
 }
-TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {**FIRST_TASKS, **FURTHER_TASKS}
+TASKS: Final[Mapping[str, Callable[[Dice], Task]]] = {**FIRST_TASKS, **FURTHER_TASKS, **MORE_TASKS}
 
 
 # What may happen to them: halts and faults.
@@ -541,7 +548,7 @@ NOT_HALTED: Final = frozenset(
 )
 """Nodes that are not halted: others count on them, or they would begin to count anew."""
 
-JOINT_SKILLS: Final = ("hand_over", "take_over", "carry_together")
+JOINT_SKILLS: Final = ("hand_over", "take_over", "carry_together", "in_step")
 
 
 def halted(task: Task, dice: Dice) -> None:
@@ -573,7 +580,7 @@ def _halt(leaves: list[Tree], dice: Dice, *, is_joint: bool) -> None:
             for _ in range(dice.count(1, 2))
         ]
         # The partner may still be giving up what was halted.
-        times = 2 if set(leaf) & {"grasp", "hand_over", "carry_together"} else 6
+        times = 2 if set(leaf) & {"grasp", "hand_over", "carry_together", "in_step"} else 6
         last = {"retry": {"times": times, "child": leaf}} if is_joint else leaf
         leaves[i] = {"selector": [*halts, last]}
 
@@ -656,7 +663,14 @@ def evaluate(change: str, number: int, seed: int, kinds: Sequence[str]) -> dict[
     """Run a task that was changed, and judge it."""
     task, tree, what = written(change, number, seed, kinds)
     try:
-        result = bt_dualarm.run(tree)
+        if task.scene:
+            with TemporaryDirectory() as folder:
+                Path(folder, SCENE_FILE).write_text(task.scene, encoding="utf-8")
+                file = Path(folder, "tree.yaml")
+                file.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+                result = bt_dualarm.run(file)
+        else:
+            result = bt_dualarm.run(tree)
     except DualArmError as error:
         return {"outcome": SKIPPED, "line": f"--  {what}: {' '.join(str(error).split())[:150]}"}
     is_false = result.outcome == "SUCCESS" and bool(task.goals) and not result.goals_met
@@ -691,8 +705,10 @@ def main() -> None:
     add_options(parser)
     options = parser.parse_args()
     if options.write is not None:
-        _, tree, _ = written(options.change, options.write, options.seed, options.kinds)
+        task, tree, _ = written(options.change, options.write, options.seed, options.kinds)
         print(yaml.safe_dump(tree, sort_keys=False, default_flow_style=None))
+        if task.scene:
+            print("".join(f"# {line}\n" for line in [SCENE_FILE, *task.scene.splitlines()]))
         return
     good = counted = 0
     with Campaign(options) as campaign:

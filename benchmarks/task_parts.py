@@ -27,6 +27,9 @@ REACH: Final[Mapping[str, float]] = {
 
 DOWN: Final = (180, 0, 0)
 
+SCENE_FILE: Final = "cell.xml"
+"""Name of the scene of a task that has one of its own, beside its tree."""
+
 
 @dataclass
 class Task:
@@ -43,6 +46,7 @@ class Task:
         duration: Longest simulated time of a run, s.
         goals: Goals of the file, which a referee judges.
         halted: Names of other arms and of subtrees whose leaves can be halted, too.
+        scene: Text of `SCENE_FILE`, in MJCF; empty if there is none.
     """
 
     tree: Tree
@@ -55,6 +59,7 @@ class Task:
     duration: float = 40.0
     goals: Tree = field(default_factory=dict)
     halted: Sequence[str] = ()
+    scene: str = ""
 
     def ports(self, skill: str) -> Tree:
         """Ports of the first leaf of a skill."""
