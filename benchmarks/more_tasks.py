@@ -463,7 +463,7 @@ def _steps(dice: Dice) -> Task:
         }
         until = {"sequence": [{"wait": 2}, {"signal": "follows"}, {"await": "done"}]}
         follow: Tree = {"follow_tool": {"arm": "arm1"}}
-        middle = {
+        middle: dict[str, list[Tree]] = {
             "arm1": [{"signal": "ready"}, {"await": "follows"}, *moves("arm1"), {"signal": "done"}],
             "arm2": [
                 {"await": "ready"},

@@ -238,10 +238,7 @@ class KnownObjects:
         return self._world.nominal[arm].tool_link_pose_at(self._world.hardware[arm].q)
 
     def put(self, name: str, pose: Pose) -> None:
-        """Take over a pose in the world at which a leaf of the arm has spawned the object.
-
-        Or at which the file tells a leaf that it is.
-        """
+        """Take over a pose in the world where a leaf has spawned an object, or the file has it."""
         self._set(name, KnownPose(pose, "declared", self._world.time))
 
     def refuse_dropped(self) -> None:
