@@ -38,6 +38,7 @@ _REST_MPS: Final = 0.003  # speed of fingers at rest; encoder noise is allowed f
 _REST_STEPS: Final = 2.5  # encoder steps within the window of the speed measurement
 _OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder step
 _NO_VACUUM: Final = 0.01
+_STARTS_S: Final = 0.1  # time in which fingers begin to move
 _TIMEOUT_S: Final = 1.0  # timeout in addition to twice the nominal opening time
 _CLOSING_SHARE: Final = 1.5  # time limit of a closing motion over its time at constant speed
 _DECIDED_S: Final = 1.0  # time for fingers to open or build up force
@@ -242,6 +243,20 @@ class ArmGripper:
                 apart = f"the fingers are {1e3 * self.width:.1f} mm apart"
                 raise Failure("NOT_OPEN", apart, width_m=self.width, force_n=self.force)
             yield (now - began) / longest
+
+    def until_let_go(self) -> Iterator[None]:
+        """Wait until what it was told to release is free; once per tick, and 1 s at most.
+
+        A vacuum lasts for 0.2 s: an arm that moves before drags along what is below the cup. Plans
+        are for fingers as far apart as they are: those that open around an object have no room yet.
+        """
+        began = self._world.time
+        while self.commanded.width > 0.0 and not self._is_open:
+            waited = self._world.time - began
+            is_blocked = self.description.fingers and waited > _STARTS_S and self.at_rest
+            if waited > _TIMEOUT_S or is_blocked:
+                return
+            yield
 
     @property
     def _is_open(self) -> bool:

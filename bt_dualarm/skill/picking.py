@@ -157,6 +157,7 @@ class Taking:
             if gripper.at_rest and abs(gripper.width - wide) < 2e-3:
                 break
             yield
+        yield from gripper.until_let_go()
         gripper.forget_released()
 
     def _retreat(self, approach: GraspApproach) -> Iterator[float]:
@@ -172,6 +173,8 @@ class Taking:
             arm.gripper.command(arm.gripper.description.stroke if fingers else 1.0)
             if not fingers:
                 yield from arm.relax()  # the retreat is stiff, so it must begin without contact
+                for _ in arm.gripper.until_let_go():
+                    yield 1.0
             yield from approach.back_out(arm, self._ports.approach_speed)
         except Failure:
             return  # the leaf fails with the reason why nothing was grasped
