@@ -30,7 +30,9 @@ class Regrasp(Skill):
     class Ports(TakingPorts):
         object: ObjectName | None = port(None, "object to pick; by default what the gripper holds")
         at: CarriedPose | None = port(
-            None, "pose at which it is placed; by default where it was picked"
+            None,
+            "pose at which it is placed, without an orientation as by `place`; by default where it "
+            "was picked",
         )
 
     failures = {
@@ -90,12 +92,15 @@ class Regrasp(Skill):
         goal = held.lay or now
         if ports.at is not None:
             goal = ports.at.pose_from(now)
+        is_free = ports.at is not None and not ports.at.is_oriented
+        ports_of_placing = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
+        setting_down = SettingDown(arm, ports_of_placing, held, self.metrics, any_heading=is_free)
+        if is_free:
+            goal = setting_down.level(goal)
         unlike = None if ports.approach is not None else in_tool.inverse
         grasps_on(
             arm, WantedGrasp.named(arm, name, ports, goal, unlike)
         )  # refuses before anything moves
-        ports_of_placing = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
-        setting_down = SettingDown(arm, ports_of_placing, held, self.metrics)
         object_pose = yield from setting_down.through(goal)
-        yield from setting_down.stays_at(goal, _WITHIN_M)
+        yield from setting_down.stays_at(setting_down.goal, _WITHIN_M)
         return WantedGrasp.named(arm, name, ports, object_pose, unlike)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import bt_dualarm as bt
 from tests.skills.test_grasp_from import TALL
@@ -45,3 +46,19 @@ def test_regrasp_of_an_object_that_is_not_held_is_a_grasp() -> None:
     result = bt.run(task({"regrasp": {"object": "cube"}}))
     assert result.outcome == "SUCCESS"
     assert "turned_rad" not in result.arms["arm1"].leaves["sequence/regrasp"].metrics
+
+
+@pytest.mark.parametrize("rpy", [[10, 0, 0], [0, -20, 30], [25, 15, -60]])
+def test_regrasp_levels_an_object_that_is_held_tilted(rpy: list[float]) -> None:
+    """Without an orientation in `at`, as `place` does: a halted leaf may leave it so."""
+    tilted = {"xyz": [0.35, -0.45, 0.55], "rpy": rpy}
+    leaves: list[dict[str, Any]] = [
+        {"grasp": {"object": "cube"}},
+        {"transport": {"object": "cube", "to": tilted}},
+        {"regrasp": {"at": {"xyz": [0.30, -0.45, 0.425]}}},
+        {"place": {"at": {"xyz": [0.25, -0.50, 0.425]}}},
+    ]
+    result = bt.run(task(*leaves))
+    assert result.outcome == "SUCCESS", result.arms["arm1"].runs
+    turned = result.arms["arm1"].leaves["sequence/place"].metrics["placed_turned_rad"]
+    assert float(turned) < np.radians(2.0)
