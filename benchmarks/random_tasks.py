@@ -580,7 +580,7 @@ def _halt(leaves: list[Tree], dice: Dice, *, is_joint: bool) -> None:
             for _ in range(dice.count(1, 2))
         ]
         # The partner may still be giving up what was halted.
-        times = 2 if set(leaf) & {"grasp", "hand_over", "carry_together", "in_step"} else 6
+        times = 2 if set(leaf) & {"grasp", "hand_over", "carry_together"} else 6
         last = {"retry": {"times": times, "child": leaf}} if is_joint else leaf
         leaves[i] = {"selector": [*halts, last]}
 

@@ -41,7 +41,8 @@ class _ObjectPorts(PortModel):
     at: CarriedPose = port(
         ...,
         "goal pose of the object; by default with its current orientation, upright if it would "
-        "tip over in that, and rotated about the vertical if it cannot be set down otherwise",
+        "tip over in that, on the side with which it has this height above what is below, and "
+        "rotated about the vertical if it cannot be set down otherwise",
     )
     look: bool = port(False, "whether the wrist camera then verifies the object's pose")
 

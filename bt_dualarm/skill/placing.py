@@ -389,7 +389,8 @@ class SettingDown:
         motion holds an object tilted, or upside down, as no plan would have ended. It stands on the
         side that is nearly down, otherwise as it stood where the gripper picked it. The
         position is that of the object's frame, or one that follows from its lowest point in the
-        tilted pose, such as a goal on something: of both, the one nearer to a support counts.
+        tilted pose, such as a goal on something: of both, the one nearer to a support counts. A bar
+        that another arm has handed over upright is laid down if the goal has that height.
 
         Args:
             goal: Pose of the object in the world.
@@ -400,7 +401,9 @@ class SettingDown:
             support = self._support_at(goal)
             # A tilted object may be too high for what it would stand on upright.
             is_upright = np.abs(axes[2, nearest]) > math.cos(_TIPS_RAD)
-            if is_upright if support is None else support.tilt < _TIPS_RAD:
+            if support is None and is_upright:
+                return self._on_other_side(goal) or goal
+            if support is not None and support.tilt < _TIPS_RAD:
                 return goal
         upward = [np.eye(3)[nearest] * np.sign(axes[2, nearest])]
         if self._held.lay is not None:
@@ -411,6 +414,29 @@ class SettingDown:
             if found is not None:
                 return found
         return goal
+
+    def _on_other_side(self, goal: Pose) -> Pose | None:
+        """The goal with another side of the object down, if it stands on that at this height.
+
+        Args:
+            goal: Pose of the object in the world, in which it is too tall or not tall enough.
+
+        Returns:
+            The pose; None if it stands on no other side.
+        """
+        axes = goal.rotation_matrix
+        others = np.argsort(-np.abs(axes[2]))[1:].tolist()
+        upward = [sign * axes[:, axis] for axis in others for sign in (1.0, -1.0)]
+        if self._held.lay is not None:  # as it stood before, if that is one of them
+            before = goal.turn(self._held.lay.rotation_matrix[2])
+            upward.sort(key=lambda up: -round(float(up @ before), 3))
+        for up in upward:
+            turn, _ = scipy.spatial.transform.Rotation.align_vectors(_UP, up)
+            pose = Pose.from_rotation(goal.position, turn * goal.rotation)
+            with suppress(Failure):
+                if self._support_at(pose) is not None:
+                    return pose
+        return None
 
     def _standing(self, goal: Pose, up: Vector) -> Pose | None:
         """The goal after the smallest rotation that makes an axis of the object point up.

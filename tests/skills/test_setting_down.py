@@ -294,3 +294,48 @@ def test_a_light_wrist_is_calm_when_it_releases_a_long_rod() -> None:
             fastest = max(fastest, float(np.abs(opened.arms["arm1"].v).max()))
         assert opened.result.outcome == "SUCCESS"
     assert fastest < 2.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "down"),
+    [
+        ("box", [0.16, 0.045, 0.045], 0),
+        ("box", [0.16, 0.045, 0.045], 2),
+        ("cylinder", [0.022, 0.13], 2),
+    ],
+)
+@pytest.mark.parametrize("rpy", [[0, 90, 0], [0, -90, 30], [0, 0, 40]])
+def test_place_without_orientation_uses_the_side_that_has_the_height_of_the_goal(
+    shape: str, size: list[float], down: int, rpy: list[float]
+) -> None:
+    """A bar that was handed over upright was to be placed where a lying one has its center."""
+    extent = size if shape == "box" else [2 * size[0], 2 * size[0], size[1]]
+    z = round(0.2 + extent[down] / 2 + 0.0003, 4)
+    stand = {"shape": "box", "size": [0.2, 0.2, 0.2], "fixed": True}
+    begin = {"xyz": [0.45, 0.2, 0.2 + extent[2] / 2 + 0.0003]}
+    leaves: list[dict[str, Any]] = [
+        {"grasp": {"object": "thing"}},
+        {"transport": {"object": "thing", "to": {"xyz": [0.45, 0, 0.5], "rpy": rpy}}},
+        {"place": {"object": "thing", "at": {"xyz": [0.45, -0.2, z]}}},
+    ]
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "world": {"scene": "empty", "reality": "lab", "time_limit": 60},
+            "objects": {
+                "from": stand | {"pose": {"xyz": [0.45, 0.2, 0.1]}},
+                "onto": stand | {"pose": {"xyz": [0.45, -0.2, 0.1]}},
+                "thing": {"shape": shape, "size": size, "mass": 0.06, "pose": begin},
+            },
+            "arms": {
+                "arm1": {
+                    "robot": "xarm7",
+                    "gripper": "robotiq_2f85",
+                    "tree": {"sequence": leaves},
+                }
+            },
+        }
+    )
+    assert result.outcome == "SUCCESS", result.arms["arm1"].runs[-1]
+    metrics = result.arms["arm1"].leaves["sequence/place"].metrics
+    assert float(metrics["placed_error_m"]) < 0.003
