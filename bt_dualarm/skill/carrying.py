@@ -20,6 +20,7 @@ from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
 from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.collision.group import GroupChecker
+from bt_dualarm.collision.support import support_below
 from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegulator
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
@@ -64,6 +65,7 @@ _STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per h
 _SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arms may cause
 _ROOM_M: Final = 0.012  # opening on each side of the object for the retreat
 _LEVER_M: Final = 0.02  # distance that makes a hand's rotation as important as its position
+_RESTS_M: Final = 0.003  # distance from a support at which the object counts as standing on it
 _REST_S: Final = 5.0  # time limit for all arms to come to rest
 
 
@@ -145,6 +147,7 @@ class Carrying:
         self._metrics = metrics
         self._proposals: dict[str, Proposal] = {}
         self._phase = 0
+        self._stands = False  # whether the object stands while the grippers close or open
 
     def through(self) -> Iterator[float | None]:
         """Grasp, carry, and set down if requested; yields the progress once per tick.
@@ -159,27 +162,56 @@ class Carrying:
         yield from self._propose()
         plan, goals = yield from self._plan()
         passengers = PassengerCheck(arm.world, self._object, goals)
-        if plan.chosen:
-            yield from self._approach(plan)
-            yield from self._close(plan)
-        grip = Grip(arm, self._object)
-        self._bear(plan)
-        yield from self._sync()
-        if plan.chosen:
-            yield from arm.relax()
+        try:
+            if plan.chosen:
+                yield from self._approach(plan)
+                self._stands = True
+                yield from self._close(plan)
+            grip = Grip(arm, self._object)
+            self._bear(plan)
             yield from self._sync()
-        carry = _Coupled(self, plan, grip)
-        yield from carry.run(goals)
-        if plan.set_down:
-            yield from self._release(grip, goals[-1], plan.grasps[arm.name].inverse)
-        else:
-            self._score(goals[-1])
+            if plan.chosen:
+                yield from arm.relax()
+                yield from self._sync()
+            self._stands = False
+            carry = _Coupled(self, plan, grip)
+            yield from carry.run(goals)
+            if plan.set_down:
+                yield from self._release(grip, goals[-1], plan.grasps[arm.name].inverse)
+            else:
+                self._score(goals[-1])
+        except (Failure, GeneratorExit):
+            self._let_go_alone()
+            raise
         passengers.refuse_spilled()
         move = arm.past_others(self._ports.speed)
         for _ in self._joint.complete(moves_aside=plan.set_down):
             if plan.set_down:  # it may be in the path of one that has not retreated yet
                 yield from move.make_way()
             yield None
+
+    @property
+    def _all_hold(self) -> bool:
+        return set(self._members) <= set(self._arm.world.attachments.holders(self._object))
+
+    def _rests_on_support(self) -> bool:
+        """Whether the object is where it stands on something, by the shapes that plans use."""
+        world = self._arm.world
+        pose = world.object_pose(self._object)
+        return support_below(world, self._object, pose, _RESTS_M, _RESTS_M) is not None
+
+    def _let_go_alone(self) -> None:
+        """Open the gripper if it holds the standing object, and those of the others do not.
+
+        One arm may be halted in the tick in which the others grasp or release it. All can grasp it
+        again together, but not if one has it already.
+        """
+        arm = self._arm
+        held = arm.world.attachments.find(arm.name, self._object)
+        if self._stands and held is not None and not self._all_hold:
+            description = arm.gripper.description
+            arm.gripper.command(description.stroke if description.fingers else 1.0)
+            arm.gripper.let_go(self._object, stands=True)
 
     # Meeting and planning
 
@@ -195,6 +227,9 @@ class Carrying:
         refusals: tuple[Failure | None, ...] = ()
         why_not = None
         held = world.attachments.find(arm.name, obj)
+        if held is not None and held.by_gripper and not self._all_hold and self._rests_on_support():
+            yield from Taking.open(arm)
+            held = None
         if held is None or not held.by_gripper:
             arm.gripper.refuse_full()
             try:
@@ -449,6 +484,7 @@ class Carrying:
         # they open, that would turn it away from its set-point.
         arm.controller.compliance.active = False
         yield from self._sync()
+        self._stands = True
         gripper.command(
             min(gripper.width + 2.0 * _ROOM_M, description.stroke) if description.fingers else 1.0
         )

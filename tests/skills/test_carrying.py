@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -644,6 +645,75 @@ def test_hands_stop_where_a_light_object_touches(file: dict[str, Any]) -> None:
     assert result.outcome == "SUCCESS", str(result)
     for arm in ("arm1", "arm2"):
         assert abs(leaf(result, arm).metrics["height_off_m"]) < 0.003
+
+
+def _set_down(gripper: str, halted: str = "", seconds: float = 1.0) -> dict[str, Any]:
+    """Two arms carry a bar to where they set it down; one may be halted once."""
+    goal = {"xyz": [0.05, -0.5, 0.5155]}
+    leaves: dict[str, Tree] = {
+        "arm1": {"carry_together": {"object": "bar", "with": ["arm2"], "to": goal}},
+        "arm2": {"carry_together": {"object": "bar", "with": ["arm1"]}},
+    }
+    trees: dict[str, Tree] = {
+        name: {"retry": {"times": 6, "child": leaf}} for name, leaf in leaves.items()
+    }
+    if halted:
+        first = {"timeout": {"seconds": round(seconds, 2), "child": leaves[halted]}}
+        trees[halted] = {"selector": [first, trees[halted]]}
+    stand = {"shape": "box", "size": [0.34, 0.3, 0.5], "fixed": True}
+    bar = {"shape": "box", "size": [0.62, 0.05, 0.03], "mass": 0.8}
+    bases = {
+        "arm1": {"robot": "panda", "base": {"xyz": [-0.6, 0, 0.4], "rpy": [0, 0, -90]}},
+        "arm2": {"robot": "ur5e", "base": {"xyz": [0.6, 0, 0.4]}},
+    }
+    return {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 90},
+        "objects": {
+            "stand": stand | {"pose": {"xyz": [0, -0.45, 0.25]}},
+            "bar": bar | {"pose": {"xyz": [0, -0.45, 0.5155]}},
+        },
+        "arms": {
+            name: arm | {"gripper": gripper, "tree": trees[name]} for name, arm in bases.items()
+        },
+    }
+
+
+@cache
+def _held_s(gripper: str) -> tuple[float, float]:
+    """Simulated times at which the first arm grasps the bar, and at which all have released it."""
+    with bt.open(_set_down(gripper)) as run:
+        while not run.world.attachments.holders("bar"):
+            run.step(0.02)
+        grasped = run.time
+        while run.world.attachments.holders("bar"):
+            run.step(0.02)
+        return grasped, run.time
+
+
+@pytest.mark.parametrize("halted", ["arm1", "arm2"])
+@pytest.mark.parametrize(
+    ("gripper", "event"),
+    some(
+        [
+            ("suction_cup", "grasped"),
+            ("robotiq_2f85", "grasped"),
+            ("robotiq_2f85", "released"),
+            ("panda_hand", "released"),
+            ("panda_hand", "grasped"),
+        ],
+        2,
+    ),
+)
+def test_all_arms_hold_the_object_or_none_does(gripper: str, event: str, halted: str) -> None:
+    """Halted in the tick in which the others close or open: it held the bar, and they did not."""
+    when = _held_s(gripper)[event == "released"]
+    for ticks in (-2, -1, 0, 1):
+        with bt.open(_set_down(gripper, halted, when + 0.02 * ticks)) as run:
+            result = run.finish()
+            place = run.world.object_pose("bar").position
+        assert result.outcome == "SUCCESS", (ticks, result)
+        assert np.linalg.norm(place - (0.05, -0.5, 0.515)) < 0.006
 
 
 PRESSING = """
