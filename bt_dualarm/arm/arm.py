@@ -38,12 +38,10 @@ class Arm(ArmMotions):
         super().__init__(shared, leaf)
         self.camera = None if shared.camera is None else GuardedCamera(shared.camera)
         self._gripper = ArmGripper(shared.world, shared.name, self._lease, shared.known)
-        self._is_new = True  # whether this run of the leaf has not waited for an earlier one yet
 
     def enter(self, *, anew: bool) -> None:
         """Register the thread that ticks or halts the leaf, and whether a new run of it begins."""
         super().enter(anew=anew)
-        self._is_new = self._is_new or anew
         if anew and self.camera is not None:
             self.camera.fault = None
 
@@ -66,16 +64,16 @@ class Arm(ArmMotions):
     def come_to_rest(self) -> Iterator[None]:
         """Wait until an earlier motion has ended, such as the braking of a halted leaf.
 
-        Such a leaf may also have left behind a gripper that opens.
+        A leaf that was halted or failed may also have left behind a gripper that opens.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` when it does not
                 come to rest.
         """
         yield from super().come_to_rest()
-        if self._is_new and self.name in self.world.grippers:
+        if self._shared.unfinished and self.name in self.world.grippers:
             yield from self._gripper.until_let_go()
-        self._is_new = False
+        self._shared.unfinished = False
 
     # Gripper, objects and camera
 

@@ -38,6 +38,9 @@ _REST_MPS: Final = 0.003  # speed of fingers at rest; encoder noise is allowed f
 _REST_STEPS: Final = 2.5  # encoder steps within the window of the speed measurement
 _OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder step
 _NO_VACUUM: Final = 0.01
+_VENTED_S: Final = 0.15  # time in which the rest of a vacuum no longer holds 3 g
+_GRAVITY: Final = 9.81  # m/s²
+_VENTING_S: Final = 0.05  # time constant of a vacuum
 _STARTS_S: Final = 0.1  # time in which fingers begin to move
 _TIMEOUT_S: Final = 1.0  # timeout in addition to twice the nominal opening time
 _CLOSING_SHARE: Final = 1.5  # time limit of a closing motion over its time at constant speed
@@ -229,6 +232,7 @@ class ArmGripper:
         asked = self.commanded
         if not self.description.fingers and asked.width > 0.0:
             for name in self.held:
+                settle = max(settle, self._vented_s(name))
                 self.let_go(name)
         travel = abs(asked.width - self.width) if self.description.fingers else 0.0
         longest = _TIMEOUT_S + 2.0 * travel / max(asked.speed, 1e-3) + settle
@@ -244,18 +248,35 @@ class ArmGripper:
                 raise Failure("NOT_OPEN", apart, width_m=self.width, force_n=self.force)
             yield (now - began) / longest
 
+    def _vented_s(self, name: str) -> float:
+        """Time in s for the rest of a vacuum, which no sensor shows, to decay to half a weight."""
+        world = self._world
+        if name not in world.objects:  # removed meanwhile
+            return 0.0
+        if world.nominal[self._arm].estimates_payload:
+            return _VENTED_S
+        weight = _GRAVITY * world.loaded_mass(name)
+        rest = _NO_VACUUM * self.description.force.most
+        return float(np.clip(_VENTING_S * np.log(2.0 * rest / weight), 0.0, _VENTED_S))
+
     def until_let_go(self) -> Iterator[None]:
         """Wait until what it was told to release is free; once per tick, and 1 s at most.
 
         A vacuum lasts for 0.2 s: an arm that moves before drags along what is below the cup. Plans
         are for fingers as far apart as they are: those that open around an object have no room yet.
         """
-        began = self._world.time
-        while self.commanded.width > 0.0 and not self._is_open:
+        if self._is_open:
+            return
+        began = closed = self._world.time
+        settle = 0.0 if self.description.fingers else _VENTED_S
+        while self.commanded.width > 0.0 and self._world.time - began <= _TIMEOUT_S:
             waited = self._world.time - began
-            is_blocked = self.description.fingers and waited > _STARTS_S and self.at_rest
-            if waited > _TIMEOUT_S or is_blocked:
+            if self._is_open and self._world.time - closed >= settle:
                 return
+            if self.description.fingers and waited > _STARTS_S and self.at_rest:
+                return  # blocked
+            if not self._is_open:
+                closed = self._world.time
             yield
 
     @property

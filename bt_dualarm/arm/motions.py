@@ -155,8 +155,9 @@ class ArmMotions(ArmState):
             return pending_fault
         return None
 
-    def release(self) -> None:
-        """Stop the motion that this leaf has begun; harmless otherwise."""
+    def release(self, *, done: bool = False) -> None:
+        """Stop the motion that this leaf has begun; ``done``: it has succeeded."""
+        self._shared.unfinished = self._shared.unfinished or not done
         self._shared.traffic.arrive(self.name, self.leaf)
         if self._lease.give_back():
             self._begun = None

@@ -38,6 +38,8 @@ class SharedArm(ArmState):
         lease: Right to move the arm.
         patience: Backoff while another arm is in the way.
         slip: Slip response of the gripper.
+        unfinished: Whether a leaf was halted or failed since the last motion began: the gripper may
+            still open.
     """
 
     def __init__(
@@ -67,3 +69,4 @@ class SharedArm(ArmState):
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Backoff(name, seed)
         self.slip = SlipResponse(world, name, controller, self.known)
+        self.unfinished = False

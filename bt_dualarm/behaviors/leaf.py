@@ -218,8 +218,8 @@ class HeldArm(Protocol):
             Failure: ``DROPPED``.
         """
 
-    def release(self) -> None:
-        """Stop the motion that the leaf has started, if there is one."""
+    def release(self, *, done: bool) -> None:
+        """Stop the motion that the leaf has started, if there is one; ``done``: it succeeded."""
 
     def touched(self, asked: Collection[str]) -> Mapping[str, Number]:
         """Returns metrics of contacts while the leaf moved the arm, except with ``asked``."""
@@ -303,7 +303,7 @@ class Leaf(AcyclicNode):
             self._fail("EXCEPTION", _one_line(error), {})
         else:
             if not continues:
-                self._let_go()  # no skill supervises a motion that was left running
+                self._let_go(done=True)  # no skill supervises a motion that was left running
                 self._end(Status.SUCCESS)
             elif self.status is not Status.RUNNING:
                 self._become(Status.RUNNING, {})
@@ -356,9 +356,9 @@ class Leaf(AcyclicNode):
             self._let_go()
         return ""
 
-    def _let_go(self) -> None:
+    def _let_go(self, *, done: bool = False) -> None:
         try:
-            self._held_arm.release()
+            self._held_arm.release(done=done)
         except RAISED_BY_SKILLS:
             self._log_exception("while its arm was released")
 

@@ -82,7 +82,7 @@ class Stage:
         arm = cast(
             "Arm",
             SimpleNamespace(
-                release=lambda: self.released.append(path),
+                release=lambda **_: self.released.append(path),
                 pending_fault=lambda: None,
                 touched=lambda _: {},
                 enter=lambda **_: None,
@@ -142,7 +142,7 @@ class Cells:
 
         def context(path: str) -> SkillContext:
             nothing = SimpleNamespace(
-                release=lambda: None,
+                release=lambda **_: None,
                 pending_fault=lambda: None,
                 touched=lambda _: {},
                 enter=lambda **_: None,

@@ -52,7 +52,7 @@ def seeds() -> list[Any]:
 def build(path: Path, registry: Registry) -> None:
     """Build every tree of an accepted file; nothing is ticked."""
     arm: Any = SimpleNamespace(
-        release=lambda: None, pending_fault=lambda: None, enter=lambda **_: None
+        release=lambda **_: None, pending_fault=lambda: None, enter=lambda **_: None
     )
     arm.touched = lambda _: {}
     log = logging.getLogger("fuzz")
