@@ -165,10 +165,7 @@ class HandOver(Skill):
 
     def _mass(self) -> float | None:
         """Mass of the object with its uncertainty, kg; None if the arm does not know it."""
-        for load in self.arm.payload:
-            if load.object == self.ports.object and load.mass is not None:
-                return load.mass + 2.0 * load.mass_doubt
-        return None
+        return self.arm.known.mass(self.ports.object)
 
     def _wish(self) -> HandoverWish:
         """What the taker has to know before it chooses a pose and a grasp."""

@@ -234,6 +234,7 @@ class TakeOver(Skill):
                     reason = yield from self._try(joint, giver, plan)
             if not reason:
                 yield from self._lift(name, giver)
+                arm.known.weighed(name, search.known_mass)
                 passengers.refuse_spilled()
                 return
             reasons.append(reason)

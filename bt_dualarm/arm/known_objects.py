@@ -93,6 +93,7 @@ class KnownObjects:
         self._arm = arm
         self._known: dict[str, KnownPose] = {}
         self._unknown: dict[str, str] = {}
+        self._weighed: dict[str, tuple[float, frozenset[str]]] = {}
         self._declared: dict[str, KnownPose] = {}
         objects = world.declared_objects
         self._parts = tuple(name for name, obj in objects.items() if obj.joint is not None)
@@ -271,8 +272,33 @@ class KnownObjects:
                     known, on=name, relative=relative, holder="", held_since=0.0
                 )
 
+    def mass(self, name: str) -> float | None:
+        """Mass of an object with what rides on it, kg; None if the arm does not know it.
+
+        An arm that has to estimate loads knows it, with twice its standard deviation, once it has
+        held the object, unless something else rides on that now.
+        """
+        world = self._world
+        if not world.nominal[self._arm].estimates_payload:
+            return world.loaded_mass(name)
+        for load in world.nominal[self._arm].loads:
+            if load.object == name and load.mass is not None:
+                return load.mass + 2.0 * load.mass_doubt
+        mass, riders = self._weighed.get(name, (None, frozenset()))
+        return mass if riders == self._riders(name) else None
+
+    def weighed(self, name: str, mass: float | None) -> None:
+        """Record the mass of an object that is held, kg, if it is known."""
+        if mass is not None:
+            self._weighed[name] = mass, self._riders(name)
+
+    def _riders(self, name: str) -> frozenset[str]:
+        return frozenset(one.object for one in self._world.passengers_of(name))
+
     def left(self, name: str) -> None:
         """Record that the arm releases an object where it is; call while it is still held."""
+        if name in self._world.objects and self._world.nominal[self._arm].estimates_payload:
+            self.weighed(name, self.mass(name))
         known = self.where(name)
         if known is None:  # what it moves against may be lost
             self._known.pop(name, None)

@@ -94,13 +94,13 @@ class TakingPorts(PortModel):
         """
         return None if self.approach is None else unit_vector(self.approach)
 
-    def mass_of(self, declared: float | None) -> float:
+    def mass_of(self, known: float | None) -> float:
         """Assumed mass, kg.
 
         Args:
-            declared: Declared mass, kg; None if the arm may not use it.
+            known: Mass that the arm knows, kg; None if it knows none.
         """
-        return self.mass or declared or UNKNOWN_KG
+        return self.mass or known or UNKNOWN_KG
 
 
 _PULLED_KG = 1.0
@@ -216,20 +216,20 @@ class WantedGrasp:
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint
-        declared = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(name)
+        known = arm.known.mass(name)
         if hung is not None:  # its joint supports the weight: the grip must pull it
-            declared = _PULLED_KG
+            known = _PULLED_KG
         return cls(
             name,
             object_pose or (world.object_pose(name) if hung is None else arm.known.pose(name).pose),
-            ports.mass_of(declared),
+            ports.mass_of(known),
             ports.shake,
             ports.margin,
             ports.most_force or math.inf,
             along=ports.along,
             unlike=unlike,
             part=ports.part,
-            mass_is_assumed=ports.mass is None and declared is None,
+            mass_is_assumed=ports.mass is None and known is None,
         )
 
     @property

@@ -200,8 +200,11 @@ class HandoverSearch:
         margin: Safety factor of the taker's grip.
         shake: Acceleration of the tool that the grip must withstand, m/s².
         most_force: Largest force of each pad, or of a cup, that the object withstands, N.
-        mass: Mass by the taker's tree, kg; None to use the giver's or the declared one.
+        mass: Mass by the taker's tree, kg; None to use what one of the arms knows.
         goal: Pose of the object in the world at which the taker will set it down; None for any.
+
+    Attributes:
+        known_mass: Mass that one of the arms knows, kg; None if it is assumed.
     """
 
     def __init__(
@@ -234,10 +237,8 @@ class HandoverSearch:
         self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
         self._center = world.loaded_center(obj)
         self._middle = body_of(declared).middle
-        known_mass = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(obj)
-        known_mass = mass or wish.mass or known_mass
-        self.mass = known_mass or UNKNOWN_KG
-        self._mass_is_assumed = known_mass is None
+        self.known_mass = mass or wish.mass or arm.known.mass(obj)
+        self.mass = self.known_mass or UNKNOWN_KG
         self._obstructed_at_goal = False
         self._cramped = np.zeros(0)
         self.grasps = self._grasps(margin, shake, most_force)
@@ -457,7 +458,7 @@ class HandoverSearch:
                     opening_m=opening,
                 )
         if not self.grasps:
-            assumed = " (assumed, as `mass` is not given)" if self._mass_is_assumed else ""
+            assumed = " (assumed, as `mass` is not given)" if self.known_mass is None else ""
             return Failure(
                 "OUT_OF_REACH",
                 f"no grasp of {arm} on {self._object!r} leaves the hand of {self._giver} room and "

@@ -24,6 +24,7 @@ from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _NOT_IT: Final = "the gripper closed on something else or nothing"
+_WEIGHED_KG: Final = 0.02  # error of a mass that tactile sensors measured, beside their gain's
 _HOLD_S: Final = 0.15  # time for which the pads must press
 _CLOSING_S: Final = 1.5  # time limit for the fingers to press
 _REACHED_M: Final = 0.1  # largest distance of the tool from the center of an undeclared object
@@ -508,7 +509,12 @@ class Taking:
             grip.look()
             since = since if arm.gripper.holding else arm.time
         if errors and None not in errors:
-            self._metrics["weight_error_n"] = float(np.mean(np.array(errors, float)))
+            error = float(np.mean(np.array(errors, float)))
+            self._metrics["weight_error_n"] = error
+            tactile = arm.gripper.description.tactile
+            if tactile is not None:  # the next grasp can be as firm as this object requires
+                mass = self._wanted.mass + error / GRAVITY
+                arm.known.weighed(name, max(mass, 0.0) / (1.0 - tactile.gain) + _WEIGHED_KG)
         rose = float(arm.world.object_pose(name).position[2]) - height
         self._metrics["lifted_m"] = rose  # true height, for the score only
 

@@ -413,7 +413,7 @@ class SettingDown:
             found = self._standing(goal, up)
             if found is not None:
                 return found
-        return goal
+        return self._on_other_side(goal) or goal
 
     def _on_other_side(self, goal: Pose) -> Pose | None:
         """The goal with another side of the object down, if it stands on that at this height.
