@@ -279,6 +279,8 @@ class KnownObjects:
         held the object, unless something else rides on that now.
         """
         world = self._world
+        if name not in world.objects:  # removed meanwhile
+            return None
         if not world.nominal[self._arm].estimates_payload:
             return world.loaded_mass(name)
         for load in world.nominal[self._arm].loads:
@@ -288,7 +290,7 @@ class KnownObjects:
         return mass if riders == self._riders(name) else None
 
     def weighed(self, name: str, mass: float | None) -> None:
-        """Record the mass of an object that is held, kg, if it is known."""
+        """Record the mass of an object that the arm holds, kg, if it knows that."""
         if mass is not None:
             self._weighed[name] = mass, self._riders(name)
 
@@ -297,7 +299,7 @@ class KnownObjects:
 
     def left(self, name: str) -> None:
         """Record that the arm releases an object where it is; call while it is still held."""
-        if name in self._world.objects and self._world.nominal[self._arm].estimates_payload:
+        if self._world.nominal[self._arm].estimates_payload:
             self.weighed(name, self.mass(name))
         known = self.where(name)
         if known is None:  # what it moves against may be lost
