@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.outcome import RunResult as RunResult
     from bt_dualarm.runtime.outcome import Series as Series
     from bt_dualarm.runtime.run import Run as Run
+    from bt_dualarm.sim.frame import Frame as Frame
     from bt_dualarm.sim.world import World as World
     from bt_dualarm.skill.articulated import HandForce as HandForce
     from bt_dualarm.skill.articulated import JointPath as JointPath
@@ -128,10 +129,13 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.looking import Coverage as Coverage
     from bt_dualarm.skill.looking import MarkViews as MarkViews
     from bt_dualarm.skill.looking import SightPorts as SightPorts
+    from bt_dualarm.skill.looking import arms_in_view as arms_in_view
     from bt_dualarm.skill.looking import camera_now as camera_now
     from bt_dualarm.skill.looking import gazes as gazes
     from bt_dualarm.skill.looking import go_to_camera as go_to_camera
-    from bt_dualarm.skill.looking import hidden_by_arm as hidden_by_arm
+    from bt_dualarm.skill.looking import hidden_by_arms as hidden_by_arms
+    from bt_dualarm.skill.looking import hidden_point as hidden_point
+    from bt_dualarm.skill.looking import least_hidden as least_hidden
     from bt_dualarm.skill.looking import look_at as look_at
     from bt_dualarm.skill.looking import own_camera as own_camera
     from bt_dualarm.skill.looking import standing_of as standing_of
@@ -298,6 +302,7 @@ _CONTENTS: Final = {
     "Arm": "arm.arm:Arm",
     "ArmGripper": "arm.gripper:ArmGripper",
     "Gripper": "robots.gripper:Gripper",
+    "Frame": "sim.frame:Frame",
     "World": "sim.world:World",
     "Pose": "core.pose:Pose",
     "Vector": "core.pose:Vector",
@@ -387,10 +392,13 @@ _CONTENTS: Final = {
     "Coverage": "skill.looking:Coverage",
     "Viewpoints": "skill.viewpoints:Viewpoints",
     "go_to_camera": "skill.looking:go_to_camera",
+    "least_hidden": "skill.looking:least_hidden",
     "look_at": "skill.looking:look_at",
+    "arms_in_view": "skill.looking:arms_in_view",
+    "hidden_point": "skill.looking:hidden_point",
     "camera_now": "skill.looking:camera_now",
     "gazes": "skill.looking:gazes",
-    "hidden_by_arm": "skill.looking:hidden_by_arm",
+    "hidden_by_arms": "skill.looking:hidden_by_arms",
     "SightPorts": "skill.looking:SightPorts",
     "standing_of": "skill.looking:standing_of",
     "own_camera": "skill.looking:own_camera",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,9 +20,12 @@ from bt_dualarm import (
     Speed,
     Vector,
     Viewpoints,
+    arms_in_view,
     camera_now,
     gazes,
     go_to_camera,
+    hidden_point,
+    least_hidden,
     look_at,
     own_camera,
     port,
@@ -35,7 +39,7 @@ rotation counts most."""
 
 _TURNS = 2  # turns of the camera to what its image shows in part
 _ROUGHLY_M = 0.02  # standard deviation of a position up to which plans avoid what is there
-_LEAN = np.radians(30.0)  # largest deviation of the line of sight from that to it
+_LEANS = np.radians((30.0, 60.0))  # largest deviations of the line of sight from that to it
 
 _Row = tuple[float, float, float, float, float, float]
 
@@ -93,6 +97,8 @@ class Locate(Skill):
     needs_camera = True
     ports: Ports
     _viewpoints = 1
+    _unseen: tuple[Vector, Vector] | None = None
+    _arms_seen: Mapping[str, float] = MappingProxyType({})
 
     def run(self) -> Iterator[float | None]:
         """View, move around until the poses are accurate, write them to the blackboard."""
@@ -118,20 +124,29 @@ class Locate(Skill):
         if picture is not None:
             self._orientation = picture.pose.quaternion
             self._seen.take(picture)
+            self._arms_seen = arms_in_view(self.arm, picture)
+            self._unseen = hidden_point(self.arm, picture, self._seen, self.ports.distance)
 
     def _turn_to_cut_off(self) -> Iterator[float | None]:
-        """Turn the camera to what the border of its image cuts off, if that is all it shows.
+        """Turn the camera to what its border or an arm hides, if the image shows nothing else.
 
         So it may stand after the halt of a leaf that moved it.
         """
         ports = self.ports
         for _ in range(_TURNS):
-            if self._seen.objects or not self._seen.cut_off:
+            if self._seen.objects or self._unseen is None:
                 return
-            eye, sight = self._seen.cut_off[0]
-            along = sight / np.linalg.norm(sight)
-            point = eye + ports.distance * along
-            poses = gazes(point, ports.distance, along, _LEAN, camera_now(self.arm))
+            point, along = self._unseen
+            poses = least_hidden(
+                self.arm,
+                [
+                    pose
+                    for lean in _LEANS
+                    for pose in gazes(point, ports.distance, along, lean, camera_now(self.arm))
+                ],
+                Pose(point, np.array((1.0, 0.0, 0.0, 0.0))),
+                self._seen.shape,
+            )
             try:
                 there = yield from look_at(self.arm, poses, ports.speed, ports.ignored, at=point)
             except Failure as failure:
@@ -253,9 +268,13 @@ class Locate(Skill):
     def _refuse_unseen(self) -> None:
         seen = self._seen
         images = "one image" if self.ports.frames == 1 else f"{self.ports.frames} images"
+        before = "".join(
+            f"; {name} is in {max(round(100.0 * share), 1)} % of the image, and may hide it"
+            for name, share in self._arms_seen.items()
+        )
         raise Failure(
             "NOT_SEEN",
-            f"nothing of this color and shape in {images}; {seen.others}",
+            f"nothing of this color and shape in {images}; {seen.others}{before}",
             frames=self.ports.frames,
             unlike=seen.unlike,
             beyond_share=seen.beyond,

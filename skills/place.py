@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Generator, Iterator
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from bt_dualarm import (
     SightedObjects,
     SightPorts,
     Skill,
+    Vector,
     camera_now,
     gazes,
+    least_hidden,
     look_at,
     own_camera,
     port,
@@ -29,10 +32,14 @@ from bt_dualarm import (
 )
 
 _LOOK_M = 0.3  # distance of the camera from the goal
+_SHARES = (1.0, 0.8, 0.65)  # of that distance, at which the camera may also be
 _LEAN = np.radians(45.0)  # largest rotation of the line of sight from that at the release
+_DOWN = np.array((0.0, 0.0, -1.0))  # the line of sight if it cannot look from there
 _LEANS = np.radians(3.0)  # angle from upright above which the current orientation is remarkable
 _REFUSALS = frozenset({"NOT_SUPPORTED", "IN_COLLISION", "UNREACHABLE"})
 _PICTURES = 6  # images that are averaged
+_SIDES = 4  # views from which it is looked for
+_OTHER_SIDE = np.cos(np.radians(20.0))  # of the angle between the lines of sight of two of them
 _SIGMAS = 3.0  # allowed in addition, in standard deviations of the estimate
 
 
@@ -84,7 +91,9 @@ class Place(Skill):
             object_pose = released.pose
         arm.refuse_shared()
         goal = self.ports.at.pose_from(object_pose)
-        looked_for = self._looked_for(name)
+        if self.ports.look:
+            own_camera(arm)
+            self._looked_for(name)  # refuses what has no color, before anything moves
         is_free = not self.ports.at.is_oriented
         setting_down = SettingDown(arm, self.ports, held, self.metrics, any_heading=is_free)
         if is_free:
@@ -107,8 +116,8 @@ class Place(Skill):
                 **failure.numbers,
             ) from None
         try:
-            if looked_for is not None:
-                yield from self._look(looked_for, goal)
+            if self.ports.look:
+                yield from self._look(name, goal)
             yield from setting_down.stays_at(goal)
         except Failure:
             arm.known.released = None  # there is nothing more to do
@@ -138,36 +147,45 @@ class Place(Skill):
         what = repr(name) if name else "anything"
         raise Failure("NOT_HELD", f"{arm.name} does not hold {what}")
 
-    def _looked_for(self, name: str) -> SightedObjects | None:
-        """Detector of the object, if the camera has to check; made before anything moves."""
-        if not self.ports.look:
-            return None
-        own_camera(self.arm)
+    def _looked_for(self, name: str) -> SightedObjects:
+        """Detector of the object."""
         return SightPorts(object=name).sighted(self.arm)
 
-    def _look(self, looked_for: SightedObjects, goal: Pose) -> Iterator[float | None]:
+    def _look(self, name: str, goal: Pose) -> Iterator[float | None]:
         """Check with the wrist camera that the object is at its goal.
+
+        An arm, or anything else, may hide a part of it, and what an image shows of it then looks
+        like an object elsewhere. What one view does not show at the goal is looked at from other
+        sides.
 
         Raises:
             Failure: ``NOT_SEEN``, or ``NOT_PLACED`` if it is detected elsewhere.
         """
         arm = self.arm
-        camera = camera_now(arm)
-        distance = max(_LOOK_M, 5.0 * looked_for.shape.extent)
-        sight = camera.rotation_matrix[:, 2]
-        middle = goal.apply(np.array(looked_for.shape.center))
-        poses = gazes(middle, distance, sight, _LEAN, camera)
-        if (yield from look_at(arm, poses, self.ports.speed, at=middle)) is None:
+        sides: list[Vector] = []
+        error = sigma = math.inf
+        others = ""
+        while len(sides) < _SIDES:
+            looked_for = self._looked_for(name)
+            camera = yield from self._go_to_look(name, looked_for.shape, goal, sides)
+            if camera is None:
+                break
+            sides.append(camera.rotation_matrix[:, 2])
+            picture = yield from still_picture(arm, _PICTURES)
+            if picture is not None:
+                looked_for.take(picture)
+            others = others or looked_for.others
+            middle = goal.apply(np.array(looked_for.shape.center))
+            for one in looked_for.objects:
+                away = float(np.linalg.norm(one.position - middle))
+                if away < error:
+                    error, sigma = away, one.best.sigma_m
+            if error <= self.ports.tolerance + _SIGMAS * sigma < math.inf:
+                break
+        if not sides:
             raise Failure("NOT_SEEN", "no camera pose that sees the goal is reachable")
-        picture = yield from still_picture(arm, _PICTURES)
-        if picture is not None:
-            looked_for.take(picture)
-        if not looked_for.objects:
-            raise Failure("NOT_SEEN", f"it was not detected at its goal; {looked_for.others}")
-        error, sigma = min(
-            (float(np.linalg.norm(one.position - middle)), one.best.sigma_m)
-            for one in looked_for.objects
-        )
+        if error == math.inf:
+            raise Failure("NOT_SEEN", f"it was not detected at its goal; {others}")
         self.metrics |= {"seen_error_m": error, "sigma_m": sigma}
         if error > self.ports.tolerance + _SIGMAS * sigma:
             raise Failure(
@@ -176,3 +194,33 @@ class Place(Skill):
                 seen_error_m=error,
                 sigma_m=sigma,
             )
+
+    def _go_to_look(
+        self, name: str, shape: KnownShape, goal: Pose, sides: list[Vector]
+    ) -> Generator[float | None, None, Pose | None]:
+        """Move the camera to a viewpoint of the goal; returns its pose, None if there is none.
+
+        Args:
+            name: Name of the object.
+            shape: Its shape.
+            goal: Its goal.
+            sides: Lines of sight from which it was viewed before, each of shape (3,).
+        """
+        arm = self.arm
+        camera = camera_now(arm)
+        center = goal @ Pose(np.array(shape.center), np.array((1.0, 0.0, 0.0, 0.0)))
+        distance = max(_LOOK_M, 5.0 * shape.extent)
+        poses = [
+            pose
+            for ahead in (sides[0] if sides else camera.rotation_matrix[:, 2], _DOWN)
+            for share in _SHARES
+            for pose in gazes(center.position, share * distance, ahead, _LEAN, camera)
+            if all(pose.rotation_matrix[:, 2] @ side < _OTHER_SIDE for side in sides)
+        ]
+        poses = least_hidden(arm, poses, center, shape, name)
+        try:
+            return (yield from look_at(arm, poses, self.ports.speed, at=center.position))
+        except Failure as failure:
+            if not sides or failure.code != "NO_PLAN":
+                raise
+            return None

@@ -20,7 +20,7 @@ from bt_dualarm import (
     Vector3,
     camera_now,
     gazes,
-    hidden_by_arm,
+    hidden_by_arms,
     look_at,
     own_camera,
     port,
@@ -89,7 +89,7 @@ class Scan(Skill):
                 picture = yield from still_picture(self.arm, self.ports.frames)
                 if picture is not None:
                     seen.take(picture)
-                    hidden = hidden_by_arm(self.arm, picture)
+                    hidden = hidden_by_arms(self.arm, picture)
                     self._left.take(picture, seen.shape.extent, hidden)
                 if len(seen.objects) >= self.ports.least:
                     self._report(seen, viewpoints)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.shape_fit import (
     PLACE,
     TURN,
@@ -85,6 +86,16 @@ class ExpectedFit:
         prior[:UNKNOWNS, :UNKNOWNS] = fitter.prior_information(scene)
         prior[UNKNOWNS, UNKNOWNS] = _SIZE_DOUBT**-2.0
         self.information: Matrix = prior + sum(self._by(view) for view in views)
+
+    @property
+    def center(self) -> Pose:
+        """Estimated pose of the center of the fitted shape in the world."""
+        return Pose.from_axes(self._scene.position, self._scene.rotation.tolist())
+
+    @property
+    def shape(self) -> KnownShape:
+        """Shape that is fitted."""
+        return self._fitter.shape
 
     def by(self, camera: Pose) -> Matrix:
         """Information by an image from a pose of the camera, a square matrix."""

@@ -291,11 +291,11 @@ _BACKGROUND: Final = 0.15
 """Fraction of an image above which regions at its edge may be the background of objects."""
 
 _BESIDE_PX: Final = 4.0
-"""Distance from an outline at which the arm is looked for that may cut it off: more than an error
+"""Distance from an outline at which an arm is looked for that may cut it off: more than an error
 of the camera's mount shifts the hand in the image."""
 
 _CUT_SHARE: Final = 0.05
-"""Share of an outline beside the arm above which it counts as cut off."""
+"""Share of an outline beside an arm above which it counts as cut off."""
 
 _ASTRAY_PX: Final = 12.0
 """Gate of the association, in addition to half the object's width, px."""
@@ -351,9 +351,9 @@ class SightedObjects:
     Attributes:
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
-        behind_arm: Number of these that the arm itself may hide in part.
+        behind_arm: Number of these that an arm may hide in part.
         beyond: Fraction of the last image covered by regions that go beyond its edge.
-        cut_off: Lines of sight to these, unless they are the background, and to those that the arm
+        cut_off: Lines of sight to these, unless they are the background, and to those that an arm
             may hide in part: position of the camera and direction in the world, each of shape (3,).
     """
 
@@ -374,7 +374,7 @@ class SightedObjects:
         self.behind_arm = 0
         self.beyond = 0.0
         self._in_part: list[tuple[list[ShapeFit], OutlineView]] = []
-        self._shows_arm: Callable[[Frame, Matrix], npt.NDArray[np.bool_]] | None = None
+        self._arms_before: Callable[[Frame, Matrix], Vector] | None = None
         self.cut_off: list[tuple[Vector, Vector]] = []
         self._find = find
         self._fitter = fitter
@@ -415,18 +415,18 @@ class SightedObjects:
         self._region = frame, region
         return self
 
-    def beside(self, shows_arm: Callable[[Frame, Matrix], npt.NDArray[np.bool_]]) -> SightedObjects:
-        """Take for cut off what the arm itself may hide in part; returns the detector.
+    def beside(self, arms_before: Callable[[Frame, Matrix], Vector]) -> SightedObjects:
+        """Take for cut off what an arm may hide in part; returns the detector.
 
         Args:
-            shows_arm: Function that tells which points of an image, relative to its center, of
-                shape (n, 2), px, show the arm.
+            arms_before: Function that returns the depths of arms at points of an image, relative to
+                its center, of shape (n, 2), px, in m; infinite where there is none.
         """
-        self._shows_arm = shows_arm
+        self._arms_before = arms_before
         return self
 
     def accept_hidden(self) -> None:
-        """Use what the arm may hide in part, where that fits: there is no better view of it."""
+        """Use what an arm may hide in part, where that fits: there is no better view of it."""
         for fits, region in self._in_part:
             if self._known_at(fits[0].scene.position, []) is None:
                 self._all.append(SightedObject(fits, [region], middle=self._middle))
@@ -477,7 +477,7 @@ class SightedObjects:
             region = self._of(obj, regions)
             if region is not None:
                 regions.remove(region)
-                # An outline beside the arm that fits what is known of the object is whole.
+                # An outline beside an arm that fits what is known of the object is whole.
                 beside = region in hidden
                 if self._refine(obj, region, is_whole=not beside) and beside:
                     hidden.remove(region)
@@ -514,7 +514,7 @@ class SightedObjects:
         reasons = []
         if self.behind_arm:
             are = "region is" if self.behind_arm == 1 else "regions are"
-            reasons.append(f"{self.behind_arm} {are} partly hidden by the arm itself")
+            reasons.append(f"{self.behind_arm} {are} partly hidden by an arm")
         unlike = self.unlike - self.behind_arm
         if unlike:
             are = "region is" if unlike == 1 else "regions are"
@@ -528,13 +528,20 @@ class SightedObjects:
         return "; ".join(reasons) or self._none_found
 
     def _is_behind_arm(self, frame: Frame, region: OutlineView) -> bool:
-        """Whether the arm may hide a part of a region: it is beside its outline."""
-        if self._shows_arm is None:
+        """Whether an arm may hide a part of a region: it is beside its outline, and before it."""
+        if self._arms_before is None:
             return False
         outward = region.edge - region.middle
         outward /= np.linalg.norm(outward, axis=1, keepdims=True).clip(1e-6)
-        beside = self._shows_arm(frame, region.edge + _BESIDE_PX * outward)
-        return bool(beside.mean() > _CUT_SHARE)
+        depths = self._arms_before(frame, region.edge + _BESIDE_PX * outward)
+        if np.isfinite(depths).mean() <= _CUT_SHARE:
+            return False
+        # What is hidden in part looks smaller, and therefore farther, than it is.
+        fits = self._fitter.first(region)
+        if fits and fits[0].residual_px <= UNLIKE_PX:
+            depth = float(frame.pose.inverse.apply(fits[0].scene.position)[2])
+            return bool((depths < depth).mean() > _CUT_SHARE)
+        return True
 
     def fit(self, obj: SightedObject) -> ShapeFit:
         """Fit of the frame of an object; of equivalent poses the one with the smallest rotation."""

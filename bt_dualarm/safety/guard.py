@@ -16,6 +16,7 @@ checked: the arm may move freely for that time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,11 +51,15 @@ CLEAR_M = HANDS_APART_M
 """Separation that an arm keeps from others, m; less if its motion began nearer to them."""
 
 FLOOR_M = 0.012
-"""Separation below which an arm comes no nearer at all, m. A motion that begins between this and
-`CLEAR_M` may come nearer by `NEARER_M`."""
+"""Separation below which an arm comes no nearer than by `NOISE_M`, m. A motion that begins between
+this and `CLEAR_M` may come nearer by `NEARER_M`."""
 
 NEARER_M = 0.0005
 """Approach that a motion may add where arms are already too near, m: control tolerance."""
+
+NOISE_M = 0.0001
+"""Difference of two measurements of the same separation, m: noise of the encoders, and rounding of
+the distances."""
 
 SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
 """Pairs of spare distance beyond the required separation in m, and the time scale from there on."""
@@ -478,6 +483,11 @@ class SeparationRule:
             more: Additional separation to keep, m.
         """
         keep = {name: meters + more for name, meters in self.clear.items()}
+        if more and min(keep.values(), default=math.inf) < CLEAR_M + more:
+            # The motion began too near to another arm: it may continue if it leads away.
+            for name, gap in self._check.present(rows[0], time).items():
+                if self.clear[name] < CLEAR_M:
+                    keep[name] = min(keep[name], max(self.clear[name], gap.meters - NOISE_M))
         verdict = self._check.reserve_trajectory(rows, time, keep)
         if not verdict.clear:
             return verdict.gap
@@ -494,7 +504,7 @@ class SeparationRule:
 def clearance(present: float, desired: float) -> float:
     """Separation to keep in m, for an arm that may already be nearer than desired."""
     # Between the floor and the desired separation, a motion may begin, but hardly come nearer.
-    return min(desired, max(present - NEARER_M, min(present, FLOOR_M)))
+    return min(desired, max(present - NEARER_M, min(present - NOISE_M, FLOOR_M)))
 
 
 def reason_of(gap: Gap) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple, TypeAlias
@@ -100,7 +100,7 @@ class SightPorts(PortModel):
         Args:
             arm: Arm with the camera.
             zones: Zones of the cell by name.
-            looks_again: Whether the arm moves to see the whole of what it may hide itself.
+            looks_again: Whether the arm moves to see the whole of what an arm may hide.
 
         Raises:
             Failure: ``INVALID_TARGET``: color, size or marker are missing, or there is no such
@@ -109,7 +109,7 @@ class SightPorts(PortModel):
         seen = self._sighted(arm)
         if looks_again and not self.is_by_marker:
             wanted = self.object
-            seen.beside(lambda frame, points: shows_arm(arm, frame, points, wanted))
+            seen.beside(lambda frame, points: arms_before(arm, frame, points, wanted))
         if self.region is None:
             return seen
         frame, region = self.placed_region(arm, zones)
@@ -400,9 +400,65 @@ def _gaze(point: Vector, distance: float, sight: Vector, x: Vector, roll: float)
     return upright @ Pose.from_rpy((0, 0, 0), (0, 0, roll))
 
 
+def least_hidden(
+    arm: Arm, cameras: Iterable[Pose], center: Pose, shape: KnownShape, obj: str | None = None
+) -> list[Pose]:
+    """Sort poses of a camera by how much of an object is hidden from there, see `hidden_share`.
+
+    Poses from which equally much is hidden keep their order.
+    """
+    return sorted(cameras, key=lambda camera: hidden_share(arm, camera, center, shape, obj))
+
+
+def hidden_share(
+    arm: Arm, camera: Pose, center: Pose, shape: KnownShape, obj: str | None = None
+) -> float:
+    """Share of the outline of an object that other things hide from a pose of a camera.
+
+    These are other arms, where their encoders are now, with what they hold, and, if the object is
+    one of the world, all other shapes that plans use. The arm itself, which will be elsewhere, does
+    not count.
+
+    Args:
+        arm: Arm with the camera.
+        camera: Pose of its camera in the world.
+        center: Pose of the center of the object's shape in the world.
+        shape: Its shape.
+        obj: Its name, if it is where the world has it.
+    """
+    world = arm.world
+    others = [name for name in world.arms if name != arm.name]
+    if obj is None and not others:
+        return 0.0
+    state = world.model, world.sensed
+    eye = camera.position
+    outline = shape.seen_from(eye - center.position, center.rotation_matrix)
+    outline = outline[:: max(len(outline) // _OUTLINE_RAYS, 1)]
+    rays = center.position + (_BEYOND if obj is None else _WITHIN) * outline - eye
+    if obj is None:
+        away = _hits_arms(arm, state, eye, rays, others)
+        return float(((away > 0.0) & (away < 1.0)).mean())
+    geoms, away = _first_hits(state, arm.name, eye, rays)
+    bodies = state[0].geom_bodyid
+    passed = bodies[[*world.arms[arm.name].geom_ids, *world.object_geoms(obj)]]
+    is_hit = (geoms >= 0) & (away < 1.0) & ~np.isin(bodies[geoms], passed)
+    return float(is_hit.mean())
+
+
+_OUTLINE_RAYS: Final = 24
+"""Points of an outline for which it is determined whether something hides them."""
+
+_WITHIN: Final = 0.9
+"""Where these points are, as a share of their distance from the center: the support of an object
+does not hide its lower edge."""
+
+_BEYOND: Final = 1.3
+"""The same for an object whose pose is not known yet."""
+
+
 def look_at(
     arm: Arm,
-    cameras: Iterator[Pose],
+    cameras: Iterable[Pose],
     speed: float,
     ignore: frozenset[str] = frozenset(),
     *,
@@ -458,14 +514,14 @@ _SAMPLES: Final = 5
 """Points along each edge of a part of an area, by which it counts as seen."""
 
 _CELL_PX: Final = 8
-"""Edge of the squares of an image for which it is known whether the arm hides what is behind."""
+"""Edge of the squares of an image for which it is known whether an arm hides what is behind."""
 
 _NEAREST_M: Final = 0.005
 """Distance up to which the link that carries the camera hides nothing: its shape may contain it."""
 
 
-def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
-    """Which squares of an image show the arm itself: its links, its hand, or what it holds.
+def hidden_by_arms(arm: Arm, frame: Frame) -> Mask:
+    """Which squares of an image show an arm: its links, its hand, or what it holds.
 
     Args:
         arm: Arm with the camera, which has not moved since the exposure.
@@ -475,31 +531,92 @@ def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
         Array of shape (rows, columns), of squares of `_CELL_PX`; by the encoders and the shapes
         that plans use.
     """
+    return np.isfinite(_depths_of_arms(arm, frame))
+
+
+def arms_in_view(arm: Arm, frame: Frame) -> dict[str, float]:
+    """Shares of an image that show other arms, or what they hold, by name; see `hidden_by_arms`."""
+    world = arm.world
+    shares = dict[str, float]()
+    for name in world.arms:
+        if name != arm.name:
+            share = float(np.isfinite(_depths_of_arms(arm, frame, (name,))).mean())
+            if share > 0.0:
+                shares[name] = share
+    return shares
+
+
+def hidden_point(
+    arm: Arm, frame: Frame, seen: SightedObjects, distance: float
+) -> tuple[Vector, Vector] | None:
+    """What an image shows only in part, or what another arm in its middle may hide.
+
+    What its border cuts off is assumed at a distance, so that the camera turns in place. What an
+    arm hides is assumed on the surface behind it, to look there from another side.
+
+    Args:
+        arm: Arm with the camera, which has not moved since the exposure.
+        frame: The image.
+        seen: Detector that has processed the image as the last one.
+        distance: Distance of what the border cuts off, m, and where no level surface is known.
+
+    Returns:
+        A point in the world, of shape (3,), m, and the line of sight to it, a unit vector; None if
+        there is neither.
+    """
+    world = arm.world
+    others = [name for name in world.arms if name != arm.name]
+    if seen.cut_off:
+        eye, sight = seen.cut_off[0]
+    elif others and np.isfinite(arms_before(arm, frame, np.zeros((1, 2)), names=others)).all():
+        eye, sight = frame.pose.position, frame.pose.rotation_matrix[:, 2]
+    else:
+        return None
+    along = sight / np.linalg.norm(sight)
+    if seen.cut_off and not seen.behind_arm:
+        return eye + distance * along, along
+    alike = [name for name, one in world.objects.items() if seen.has_color(one.rgba)]
+    away = bearing_ahead(world, eye, along, alike)
+    return eye + (distance if away is None else away) * along, along
+
+
+def _depths_of_arms(arm: Arm, frame: Frame, names: Iterable[str] | None = None) -> Matrix:
+    """Depths of some arms, by default all, in the squares of an image; see `arms_before`."""
     columns, rows = (max(size // _CELL_PX, 1) for size in (frame.width, frame.height))
     x, y = np.meshgrid(
         (np.arange(columns) + 0.5) * frame.width / columns - 0.5 * frame.width,
         (np.arange(rows) + 0.5) * frame.height / rows - 0.5 * frame.height,
     )
-    return shows_arm(arm, frame, np.column_stack((x.ravel(), y.ravel()))).reshape(rows, columns)
+    points = np.column_stack((x.ravel(), y.ravel()))
+    return arms_before(arm, frame, points, names=names).reshape(rows, columns)
 
 
-def shows_arm(arm: Arm, frame: Frame, points: Matrix, wanted: str | None = None) -> Mask:
-    """Which points of an image show the arm itself: its links, its hand, or what it holds.
+def arms_before(
+    arm: Arm,
+    frame: Frame,
+    points: Matrix,
+    wanted: str | None = None,
+    names: Iterable[str] | None = None,
+) -> Vector:
+    """How far ahead an image shows an arm: its links, its hand, or what it holds.
 
     Args:
         arm: Arm with the camera, which has not moved since the exposure.
         frame: The image.
         points: Points relative to the image center, of shape (n, 2), px.
         wanted: Name of a held object that does not count: the one that is looked for.
+        names: Names of the arms that count; by default all.
 
     Returns:
-        Array of shape (n,); by the encoders and the shapes that plans use.
+        Depths along the optical axis, of shape (n,), m; infinite where something else, or nothing,
+        is first. By the encoders and the shapes that plans use.
     """
     rays = np.column_stack((points, np.full(len(points), frame.focal_px))) / frame.focal_px
     rays = rays @ frame.pose.rotation_matrix.T
     state = arm.world.model, arm.world.sensed
-    shown: Mask = _hits_arm(arm, state, frame.pose.position, rays, wanted) > 0.0
-    return shown
+    every = arm.world.arms if names is None else names
+    depths = _hits_arms(arm, state, frame.pose.position, rays, every, wanted)
+    return np.where(depths > 0.0, depths, np.inf)
 
 
 def _hides(arm: Arm, q: Vector, point: Vector) -> bool:
@@ -513,20 +630,27 @@ def _hides(arm: Arm, q: Vector, point: Vector) -> bool:
     checker = arm.checker()
     checker.place(q)
     eye = arm.world.nominal[arm.name].camera_pose_at(q).position
-    (away,) = _hits_arm(arm, (checker.model, checker.data), eye, (point - eye)[None])
+    state = checker.model, checker.data
+    (away,) = _hits_arms(arm, state, eye, (point - eye)[None], (arm.name,))
     return bool(0.0 < away < 1.0)
 
 
-def _hits_arm(
-    arm: Arm, state: _State, eye: Vector, rays: Matrix, wanted: str | None = None
+def _hits_arms(
+    arm: Arm,
+    state: _State,
+    eye: Vector,
+    rays: Matrix,
+    names: Iterable[str],
+    wanted: str | None = None,
 ) -> Vector:
-    """How far along rays the arm is, with its hand and what it holds.
+    """How far along rays arms are, with their hands and what they hold.
 
     Args:
-        arm: The arm.
+        arm: Arm with the camera.
         state: The model of its world, with the positions of all geoms.
         eye: Where the rays begin, in the world, of shape (3,), m.
         rays: Directions of any length in the world, of shape (n, 3), m.
+        names: Names of the arms that count.
         wanted: Name of a held object that does not count.
 
     Returns:
@@ -535,14 +659,16 @@ def _hits_arm(
     """
     world = arm.world
     geoms, away = _first_hits(state, arm.name, eye, rays)
-    own = set(world.arms[arm.name].geom_ids)
-    for obj in arm.held:
-        if obj != wanted:
-            own |= world.payload_geoms(obj)
+    counted = set[int]()
+    for name in names:
+        counted.update(world.arms[name].geom_ids)
+        for obj in world.attachments.attached_to(name):
+            if obj != wanted:
+                counted |= world.payload_geoms(obj)
     # By their bodies: for collisions, the convex parts of a link stand for the mesh that is seen.
     body_of = state[0].geom_bodyid
-    is_own = np.isin(body_of[geoms], body_of[list(own)]) & (geoms >= 0)
-    found: Vector = np.where(is_own, away, -1.0)
+    is_arm = np.isin(body_of[geoms], body_of[list(counted)]) & (geoms >= 0)
+    found: Vector = np.where(is_arm, away, -1.0)
     return found
 
 
@@ -570,7 +696,7 @@ def _first_hits(
 ) -> tuple[npt.NDArray[np.int32], Vector]:
     """First geoms along rays from an arm's camera; -1 where there is none.
 
-    Also the distances to them, as multiples of the length of the rays; arguments as `_hits_arm`.
+    Also the distances to them, as multiples of the length of the rays; arguments as `_hits_arms`.
     """
     model, data = state
     geoms = np.empty(len(rays), np.int32)
@@ -591,7 +717,7 @@ class _Part(NamedTuple):
     Attributes:
         center: Where to look, of shape (3,), m.
         points: What of it no image has shown yet, of shape (n, 3), m.
-        is_rest: Whether it is what the arm hid of another part, which is looked at once.
+        is_rest: Whether it is what an arm hid of another part, which is looked at once.
     """
 
     center: Vector
@@ -617,13 +743,13 @@ class Coverage:
     def take(self, frame: Frame, room: float, hidden: Mask | None = None) -> None:
         """Leave out what an image shows.
 
-        What the arm hides in the middle of the part that was chosen becomes a part of its own.
+        What an arm hides in the middle of the part that was chosen becomes a part of its own.
 
         Args:
             frame: The image.
             room: Distance of a point from the border of the image, and from what hides others, at
                 which an object there would be shown on whole, m.
-            hidden: Where the arm hides what is behind, as `hidden_by_arm`.
+            hidden: Where an arm hides what is behind, as `hidden_by_arms`.
         """
         left = []
         for part in self._left:
@@ -642,7 +768,7 @@ class Coverage:
 
     @staticmethod
     def _shown(frame: Frame, room: float, hidden: Mask | None, points: Matrix) -> tuple[Mask, Mask]:
-        """Which points are in the image with room around them, and which the arm may hide."""
+        """Which points are in the image with room around them, and which an arm may hide."""
         half = np.array((frame.width, frame.height)) / 2.0
         inside = frame.pose.inverse.apply(points)
         scale = (frame.focal_px / inside[:, 2].clip(1e-6))[:, None]

@@ -14,7 +14,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.expected_fit import ExpectedFit, Stack
 from bt_dualarm.perception.shape_fit import SIZE_KNOWN
 from bt_dualarm.robots.robot import JointLimits
-from bt_dualarm.skill.looking import SIDES, Side, camera_now
+from bt_dualarm.skill.looking import SIDES, Side, camera_now, hidden_share
 
 _SURE: Final = 0.55
 """Fraction of the requested standard deviations that is aimed at: it takes a tenth of a second
@@ -31,6 +31,9 @@ _BEYOND_RAD: Final = 0.2
 _BEYOND_S: Final = 1.0
 """Delay assumed for a viewpoint that is probably out of reach, s."""
 
+
+_MOST_HIDDEN: Final = 0.05
+"""Share of its outline that another arm may hide of an object whose image is still of use."""
 
 _SOON: Final = 20
 """Viewpoints soonest reached, of which three are compared at once: 1,140 triples."""
@@ -84,10 +87,16 @@ class Viewpoints:
         if not self._left:
             return None
         cameras = [side.camera(point, self._looking, distance) for side in self._left]
-        by = np.array([expected.by(one) for one in cameras])
+        by = np.array([self._shown(expected, one) * expected.by(one) for one in cameras])
         chosen = self._best(expected, more, by, self._joint_steps(camera, cameras))
         del self._left[chosen]
         return cameras[chosen]
+
+    def _shown(self, expected: ExpectedFit, camera: Pose) -> float:
+        """1 for a pose of the camera from which no other arm hides the object, otherwise 0."""
+        center = expected.center
+        is_hidden = hidden_share(self._arm, camera, center, expected.shape) > _MOST_HIDDEN
+        return 0.0 if is_hidden else 1.0
 
     def _best(self, expected: ExpectedFit, more: Matrix, by: Stack, steps: Matrix) -> int:
         """Number of the viewpoint to go to next.
