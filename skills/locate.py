@@ -126,11 +126,18 @@ class Locate(Skill):
             self._seen.take(picture)
             self._arms_seen = arms_in_view(self.arm, picture)
             self._unseen = hidden_point(self.arm, picture, self._seen, self.ports.distance)
+            glimpsed = self.arm.known.glimpsed
+            if self._seen.objects:
+                glimpsed[self.ports.wanted] = self._seen.objects[0].position
+            elif self._unseen is None and self.ports.wanted in glimpsed:
+                point = glimpsed.pop(self.ports.wanted)
+                sight = point - picture.pose.position
+                self._unseen = point, sight / np.linalg.norm(sight)
 
     def _turn_to_cut_off(self) -> Iterator[float | None]:
-        """Turn the camera to what its border or an arm hides, if the image shows nothing else.
+        """Turn to what the image's border or an arm hides, or what was seen before, if need be.
 
-        So it may stand after the halt of a leaf that moved it.
+        So the camera may stand after the halt of a leaf that moved it.
         """
         ports = self.ports
         for _ in range(_TURNS):

@@ -157,6 +157,7 @@ class Scan(Skill):
         a, b, c, d = first.quaternion.tolist()
         self.output("pose", PoseSpec(xyz=(x, y, z), quat=(a, b, c, d)))
         self.output("count", len(seen.objects))
+        self.arm.known.glimpsed[self.ports.wanted] = seen.objects[0].position
         if self.ports.object is not None:
             self.arm.known.saw(self.ports.object, first)
         self.metrics |= {"found": len(seen.objects), "places": places}

@@ -84,11 +84,15 @@ class KnownObjects:
             before the hand had left it.
         dropped: Failure ``DROPPED`` of an object that the hand has lost while no leaf was checking;
             the next one that checks, or needs a held object, fails with it.
+        glimpsed: Roughly where the camera has seen what leaves looked for, m: where a leaf looks
+            that begins with the camera turned away, as after the halt of another one. By a
+            description of what was looked for.
     """
 
     def __init__(self, world: World, arm: str) -> None:
         self.released: Released | None = None
         self.dropped: Failure | None = None
+        self.glimpsed: dict[str, Vector] = {}
         self._world = world
         self._arm = arm
         self._known: dict[str, KnownPose] = {}

@@ -88,6 +88,12 @@ class SightPorts(PortModel):
         return self
 
     @property
+    def wanted(self) -> str:
+        """Description of what is to be detected, the same for equal ports."""
+        names = ("object", "by", "marker", "shape", "size", "color")
+        return "; ".join(f"{name}: {getattr(self, name)!r}" for name in names)
+
+    @property
     def is_by_marker(self) -> bool:
         """Whether a marker is to be detected."""
         return self.marker is not None or (self.object is not None and self.by == "marker")

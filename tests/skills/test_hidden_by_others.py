@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
-from tests.families import some
 
 ROBOTS = ("panda", "ur5e", "ur10", "fr3", "xarm7")
 WATCHED = np.array((0.5, 0.0, 0.03))

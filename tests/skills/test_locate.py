@@ -458,3 +458,18 @@ arms:
             {object: part, center: [-0.578, 0.472, 0.599], width: 0.3, depth: 0.3, distance: 0.4}
         - locate: {object: part}
 """
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5"])
+def test_it_looks_where_the_object_was_seen_before(stage: Stage, robot: str) -> None:
+    """The camera is turned away meanwhile, as the halt of a leaf may leave it."""
+    locate = {"locate": {"object": "thing", "accuracy": 0.01, "score": "thing"}}
+    away = {"rotate_tool": {"axis": [0, 1, 0], "angle": 60}}
+    play = stage.run(before_camera(robot, {"sequence": [locate, away, locate]}))
+    first, again = play.leaves("locate")
+    assert (first.status, again.status) == ("SUCCESS", "SUCCESS"), again.reason
+    assert int(again.metrics["views"]) > 1
+    assert float(again.metrics["located_error_m"]) < 0.01
+    # Unless it was never seen: nothing tells where it is.
+    play = stage.run(before_camera(robot, {"sequence": [away, locate]}))
+    assert play.leaf("locate").code == "NOT_SEEN"
