@@ -68,6 +68,21 @@ class Released:
     tool: Pose
 
 
+@dataclass(frozen=True, eq=False)
+class SetDown:
+    """What several arms have set down and released together, if one was halted before it was away.
+
+    Attributes:
+        object: Name of the object.
+        goal: Pose at which they set it down.
+        tool: Pose of this arm's tool then.
+    """
+
+    object: str
+    goal: Pose
+    tool: Pose
+
+
 class KnownObjects:
     """Poses of objects as one arm knows them; all of its leaves share them.
 
@@ -84,6 +99,7 @@ class KnownObjects:
             before the hand had left it.
         dropped: Failure ``DROPPED`` of an object that the hand has lost while no leaf was checking;
             the next one that checks, or needs a held object, fails with it.
+        set_down: What this arm and others have set down together likewise.
         glimpsed: Roughly where the camera has seen what leaves looked for, m: where a leaf looks
             that begins with the camera turned away, as after the halt of another one. By a
             description of what was looked for.
@@ -92,6 +108,7 @@ class KnownObjects:
     def __init__(self, world: World, arm: str) -> None:
         self.released: Released | None = None
         self.dropped: Failure | None = None
+        self.set_down: SetDown | None = None
         self.glimpsed: dict[str, Vector] = {}
         self._world = world
         self._arm = arm

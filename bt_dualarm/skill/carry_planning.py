@@ -122,6 +122,8 @@ class Proposal:
         grasps: Grasps at each section that its hand can hold, the best first.
         refusals: Why it has none at a section; None where it has some.
         why_not: Why it has none at all; None if it has some.
+        has_released: Whether it has already released the object at the goal, in an earlier attempt
+            that was halted before all arms were away.
     """
 
     goals: tuple[PoseSpec, ...]
@@ -130,6 +132,7 @@ class Proposal:
     grasps: tuple[tuple[RankedGrasp, ...], ...]
     refusals: tuple[Failure | None, ...]
     why_not: Failure | None
+    has_released: bool = False
 
 
 @dataclass(frozen=True, eq=False)

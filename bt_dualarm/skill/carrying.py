@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.known_objects import SetDown
 from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
 from bt_dualarm.collision.distance import PLANNING_MARGIN_M
@@ -28,6 +29,7 @@ from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
 from bt_dualarm.grasping.grasp import CompoundSolid
 from bt_dualarm.grasping.sections import Section, farthest_apart, section_at, sections
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.carry_planning import (
@@ -160,6 +162,10 @@ class Carrying:
         if self._joint.is_completed:
             return
         yield from self._propose()
+        if all(one.has_released for one in self._proposals.values()):
+            yield from self._finish()
+            return
+        arm.known.set_down = None
         plan, goals = yield from self._plan()
         passengers = PassengerCheck(arm.world, self._object, goals)
         try:
@@ -184,11 +190,36 @@ class Carrying:
             self._let_go_alone()
             raise
         passengers.refuse_spilled()
+        yield from self._complete(is_away=plan.set_down)
+
+    def _complete(self, *, is_away: bool) -> Iterator[float | None]:
+        """Wait until all arms have done their part.
+
+        Args:
+            is_away: Whether this one has retreated: it may be in the path of one that has not.
+        """
+        arm = self._arm
         move = arm.past_others(self._ports.speed)
-        for _ in self._joint.complete(moves_aside=plan.set_down):
-            if plan.set_down:  # it may be in the path of one that has not retreated yet
+        for _ in self._joint.complete(moves_aside=is_away):
+            if is_away:
                 yield from move.make_way()
             yield None
+        arm.known.set_down = None
+
+    def _finish(self) -> Iterator[float | None]:
+        """Retreat from an object that all arms have released at its goal in an earlier attempt."""
+        arm = self._arm
+        released = arm.known.set_down
+        if released is None:
+            raise Failure("NOT_PLACED", f"{self._object!r} was moved meanwhile")
+        passengers = PassengerCheck(arm.world, self._object, [released.goal])
+        for _ in arm.gripper.until_open():
+            yield 0.9
+        left = LeftStanding(arm, self._object, _STILL_SHARE)
+        away = arm.tool_pose.distance(released.tool)
+        yield from self._retreat(left, released.goal, self._ports.retreat - away)
+        passengers.refuse_spilled()
+        yield from self._complete(is_away=True)
 
     @property
     def _all_hold(self) -> bool:
@@ -240,15 +271,46 @@ class Carrying:
             for _ in arm.relax():
                 yield
         carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
-        mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, refusals, why_not)
+        mine = Proposal(
+            self._goals,
+            carrying,
+            arm.setpoint.q.copy(),
+            grasps,
+            refusals,
+            why_not,
+            has_released=self._has_released(),
+        )
         self._joint.send(proposal=mine)
         self._proposals[arm.name] = mine
         yield from self._until(lambda messages: "proposal" in messages)
         for other in self._joint.others:
             self._proposals[other] = self._joint.messages(other)["proposal"]
         self._proposals = {name: self._proposals[name] for name in self._members}
-        if mine.why_not is not None:
+        if mine.why_not is not None and not all(
+            one.has_released for one in self._proposals.values()
+        ):
             raise mine.why_not
+
+    def _has_released(self) -> bool:
+        """Whether this arm has released the object at its goal already, and nobody holds it."""
+        world = self._arm.world
+        released = self._arm.known.set_down
+        if released is None or released.object != self._object:
+            return False
+        if world.attachments.holders(self._object):
+            return False
+        now = world.object_pose(self._object)
+        goals = [released.goal]
+        if self._goals:
+            if not self._ports.set_down:
+                return False
+            goals.append(self._goals[-1].pose_from(now))
+        shape = KnownShape.of(world.objects[self._object])
+        for goal in goals:
+            away, turned = shape.away(now, goal)
+            if away > self._ports.tolerance or turned > self._ports.angle_tolerance:
+                return False
+        return True
 
     @property
     def _mass(self) -> float | None:
@@ -495,18 +557,36 @@ class Carrying:
                 yield 0.9
         finally:  # also of a leaf that is halted: the hand opens, and the others do so, too
             gripper.let_go(self._object, stands=True)
+            arm.known.set_down = SetDown(self._object, goal, arm.commanded_tool_pose)
         left = LeftStanding(arm, self._object, _STILL_SHARE)
         yield from self._sync()
         del grip
+        yield from self._retreat(left, goal, self._ports.retreat, in_tool)
+
+    def _retreat(
+        self, left: LeftStanding, goal: Pose, length: float, in_tool: Pose | None = None
+    ) -> Iterator[float | None]:
+        """Leave the released object, and check its pose.
+
+        Args:
+            left: Referee for the object.
+            goal: Pose at which it should stand.
+            length: Length of the retreat, m; none is needed if it is not positive.
+            in_tool: Pose of the object in the tool's frame; by default as it is at its goal.
+        """
+        arm = self._arm
         tool = arm.commanded_tool_pose
-        retreats = possible_retreats(arm, tool, self._object, in_tool, self._ports.retreat)
-        # From another configuration the retreat may differ or not exist: the others move aside.
-        move = replace(
-            arm.past_others(self._ports.approach_speed, frozenset({self._object})), give_way=False
-        )
-        for progress in move.along(lambda: plan_retreat(move, retreats, self._metrics)):
-            left.look()
-            yield 0.9 + 0.1 * (progress or 0.0)
+        if length > 0.0:
+            there = tool.inverse @ goal if in_tool is None else in_tool
+            retreats = possible_retreats(arm, tool, self._object, there, length)
+            # From another configuration the retreat may differ or not exist: the others move aside.
+            move = replace(
+                arm.past_others(self._ports.approach_speed, frozenset({self._object})),
+                give_way=False,
+            )
+            for progress in move.along(lambda: plan_retreat(move, retreats, self._metrics)):
+                left.look()
+                yield 0.9 + 0.1 * (progress or 0.0)
         ports = self._ports
         yield from left.until_placed(
             goal, ports.tolerance, ports.angle_tolerance, ports.settle, self._metrics

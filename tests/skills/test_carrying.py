@@ -716,6 +716,24 @@ def test_all_arms_hold_the_object_or_none_does(gripper: str, event: str, halted:
         assert np.linalg.norm(place - (0.05, -0.5, 0.515)) < 0.006
 
 
+@pytest.mark.parametrize("halted", ["arm1", "arm2"])
+@pytest.mark.parametrize("gripper", some(["suction_cup", "robotiq_2f85", "panda_hand"], 2))
+def test_object_that_was_set_down_is_not_picked_up_again(gripper: str, halted: str) -> None:
+    """Halted as the hands open, or on the retreat: another attempt only retreats."""
+    _, released = _held_s(gripper)
+    for later in (0.05, 0.4):
+        with bt.open(_set_down(gripper, halted, released + later)) as run:
+            while run.time < released + later or run.world.attachments.holders("bar"):
+                run.step(0.02)
+            while not run.done:
+                run.step(0.02)
+                assert not run.world.attachments.holders("bar")
+            assert run.result is not None
+            assert run.result.outcome == "SUCCESS", str(run.result)
+            place = run.world.object_pose("bar").position
+        assert np.linalg.norm(place - (0.05, -0.5, 0.515)) < 0.006
+
+
 PRESSING = """
 bt_dualarm: 1
 world: {{scene: empty, reality: rough, seed: 3005, time_limit: 60}}
