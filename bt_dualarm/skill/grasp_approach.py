@@ -26,7 +26,7 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _PASSING = 3  # openings with which the hand passes other parts of the object
-_RETREAT_M = 0.05  # length of the retreat from a goal
+_RETREAT_M = 0.08  # length of the retreat from a goal, the default of `place`
 _CHECKS = 48  # descents to a goal that are checked, to all poses that look like it together
 
 TRIES = 16
