@@ -100,6 +100,8 @@ class KnownObjects:
         dropped: Failure ``DROPPED`` of an object that the hand has lost while no leaf was checking;
             the next one that checks, or needs a held object, fails with it.
         set_down: What this arm and others have set down together likewise.
+        goals: Configurations in which the arm can set down what it grasped, as it found when it
+            chose the grasp, of shape (dof,), rad; by object. A redundant arm has endless others.
         glimpsed: Roughly where the camera has seen what leaves looked for, m: where a leaf looks
             that begins with the camera turned away, as after the halt of another one. By a
             description of what was looked for.
@@ -109,6 +111,7 @@ class KnownObjects:
         self.released: Released | None = None
         self.dropped: Failure | None = None
         self.set_down: SetDown | None = None
+        self.goals: dict[str, Vector] = {}
         self.glimpsed: dict[str, Vector] = {}
         self._world = world
         self._arm = arm

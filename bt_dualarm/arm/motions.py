@@ -873,11 +873,13 @@ class ArmMotions(ArmState):
         """
         return self.kinematics.follow(line(start, end).poses, self.setpoint.q)
 
-    def lines(self, *corners: Pose) -> Iterator[list[Matrix]]:
+    def lines(self, *corners: Pose, near: Vector | None = None) -> Iterator[list[Matrix]]:
         """Straight lines of the tool from corner to corner, for each branch that allows all.
 
         Args:
             corners: Poses of the tool in the world, at least two.
+            near: Configuration of shape (dof,), rad, to which the preferred branches are near; by
+                default the last set-point.
 
         Yields:
             For each line its configurations, of shape (n, dof), rad; each begins where the one
@@ -891,7 +893,8 @@ class ArmMotions(ArmState):
         for start, end in itertools.pairwise(corners):
             poses += line(start, end).poses[1:]
             ends.append(len(poses) - 1)
-        for rows in self.kinematics.branches_along(poses, self.setpoint.q):
+        near = self.setpoint.q if near is None else near
+        for rows in self.kinematics.branches_along(poses, near):
             yield [rows[first : last + 1] for first, last in itertools.pairwise(ends)]
 
     def line_on(self, end: Pose) -> Matrix:

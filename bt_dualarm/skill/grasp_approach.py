@@ -250,7 +250,8 @@ def refuse_goal(
     """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
     As `place` does it: the descent is as low as the surroundings require, and could go on below the
-    goal; the fingers open no wider than there is room for, and the retreat may be short.
+    goal; the fingers open no wider than there is room for, and the retreat may be short. The
+    configuration is noted in `KnownObjects.goals`.
 
     Args:
         arm: Arm with its gripper open.
@@ -292,6 +293,7 @@ def refuse_goal(
                     if arm.is_of_hand(failure):
                         break
                 else:
+                    arm.known.goals[name] = down[-1]
                     return
         except Failure as failure:
             first = first or failure.with_traceback(None)

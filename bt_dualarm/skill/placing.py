@@ -160,6 +160,8 @@ LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent be
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
+_AS_EXPECTED_M: Final = 0.05  # distance, and angle, from a pose expected when the grasp was chosen
+_AS_EXPECTED_RAD: Final = 0.3  # up to which its configuration is tried
 _FALSE: Final = 3  # further descents before a contact beyond that height counts
 
 _ON_CARRIER_N: Final = 1.5  # contact force on a carrier in another arm's hand
@@ -845,6 +847,27 @@ class SettingDown:
         raise max(refusals, key=lambda one: move.may_leave(one) + move.may_clear(one))
 
     def _branches_down(self, tool: Pose, height: float) -> Generator[None, None, list[Matrix]]:
+        """Straight descent to a pose of the tool, see `_branches_near`.
+
+        Near the set-point, otherwise near the configuration with which the grasp was chosen.
+        """
+        arm = self._arm
+        try:
+            return (yield from self._branches_near(tool, height))
+        except Failure as failure:
+            refusal = failure.with_traceback(None)
+        expected = arm.known.goals.get(self._name)
+        if expected is not None:
+            there = arm.kinematics.forward(expected)
+            if there.distance(tool) < _AS_EXPECTED_M and there.angle(tool) < _AS_EXPECTED_RAD:
+                yield
+                with suppress(Failure):
+                    return (yield from self._branches_near(tool, height, expected))
+        raise refusal
+
+    def _branches_near(
+        self, tool: Pose, height: float, near: Vector | None = None
+    ) -> Generator[None, None, list[Matrix]]:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.
 
         The arm and the held object are collision-free down to `_FREE_M`, and the arm alone on
@@ -855,6 +878,7 @@ class SettingDown:
         Args:
             tool: Pose of the tool in the world.
             height: Height above it at which the descent begins, m.
+            near: Configuration to which the branches are near, as for `Motions.lines`.
 
         Returns:
             For each branch configurations down to `_FREE_M`, of shape (n, dof), rad; the preferred
@@ -872,7 +896,7 @@ class SettingDown:
         refusals: list[Failure] = []
         retreats = self._retreats(tool)
         effort = 0
-        for down, low, _ in arm.lines(*corners):
+        for down, low, _ in arm.lines(*corners, near=near):
             try:
                 arm.refuse_collision_along(down)
                 self._refuse_without_room(low[-1])

@@ -243,3 +243,34 @@ def test_fingers_need_not_open_fully_at_the_goal(yaw: float, heading: float) -> 
     task["arms"]["arm1"]["tree"]["sequence"][1]["place"]["at"] = at
     leaves = bt.run(task).arms["arm1"].runs
     assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
+
+
+def test_redundant_arm_places_in_the_branch_for_which_it_chose_the_grasp() -> None:
+    """It was `IN_COLLISION`: of its endless branches, 16 near the set-point were tried, in vain."""
+    at = {"xyz": [0.162, -0.32, 0.149], "rpy": [0, 0, 25]}
+    stand: dict[str, Any] = {"shape": "box", "fixed": True}
+    task = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "reality": "rough", "seed": 110, "time_limit": 60},
+        "objects": {
+            "from": stand | {"size": [0.16, 0.16, 0.262], "pose": {"xyz": [-0.182, -0.316, 0.131]}},
+            "onto": stand | {"size": [0.16, 0.16, 0.119], "pose": {"xyz": [0.162, -0.32, 0.0595]}},
+            "board": stand | {"size": [0.4, 0.4, 0.02], "pose": {"xyz": [0.162, -0.32, 0.256]}},
+            "part": {"shape": "box", "size": [0.042, 0.055, 0.059], "mass": 0.458, "color": "red"}
+            | {"pose": {"xyz": [-0.182, -0.316, 0.292], "rpy": [0, 0, -27]}},
+        },
+        "arms": {
+            "a": {
+                "robot": "xarm7",
+                "gripper": "panda_hand",
+                "tree": {
+                    "sequence": [
+                        {"grasp": {"object": "part", "then_at": at}},
+                        {"place": {"object": "part", "at": at}},
+                    ]
+                },
+            }
+        },
+    }
+    leaves = bt.run(task).arms["a"].runs
+    assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
