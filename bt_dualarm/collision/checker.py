@@ -940,6 +940,38 @@ class OutsideContacts:
         return None
 
 
+def overlap_with_fixed(world: World, name: str, pose: Pose) -> Contact | None:
+    """Deepest overlap of a free object, at a pose in the world, with what never moves.
+
+    With what may still move, and with the floor, there is none.
+
+    Args:
+        world: World in its current state; never changed.
+        name: Name of the object.
+        pose: Its pose in the world.
+    """
+    model = world.model
+    bodies = model.geom_bodyid
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    own = solid & (model.body_rootid[bodies] == model.body(name).rootid[0])
+    fixed = solid & (model.body_weldid[bodies] == 0)
+    fixed &= model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    scratch = ScratchModel(world, ())
+    data = scratch.data
+    address = world.pose_address(name)
+    data.qpos[address : address + 7] = (*pose.position, *pose.quaternion)
+    mujoco.mj_kinematics(scratch.model, data)
+    places = data.geom_xpos
+    sizes = model.geom_rbound
+    deepest: Contact | None = None
+    for one, other in itertools.product(*(np.flatnonzero(each).tolist() for each in (own, fixed))):
+        if np.linalg.norm(places[one] - places[other]) < sizes[one] + sizes[other]:
+            depth = -scratch.apart(one, other, 0.0)
+            if depth > TOUCH and (deepest is None or depth > deepest.depth):
+                deepest = Contact(name, name_of_geom(model, other), depth)
+    return deepest
+
+
 def geoms_of(world: World, objects: Iterable[str]) -> set[int]:
     """Geoms of some objects that are present."""
     return {geom for name in objects for geom in world.object_geoms(name)}

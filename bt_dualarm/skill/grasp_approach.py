@@ -10,6 +10,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
+from bt_dualarm.collision.checker import overlap_with_fixed
 from bt_dualarm.core.errors import Failure, nearest_to_success
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
@@ -249,9 +250,9 @@ def refuse_goal(
 ) -> None:
     """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
-    As `place` does it: the descent is as low as the surroundings require, and could go on below the
-    goal; the fingers open no wider than there is room for, and the retreat may be short. The
-    configuration is noted in `KnownObjects.goals`.
+    As `place` does it: the object must have room there, the descent is as low as the surroundings
+    require, and could go on below the goal; the fingers open no wider than there is room for, and
+    the retreat may be short. The configuration is noted in `KnownObjects.goals`.
 
     Args:
         arm: Arm with its gripper open.
@@ -264,6 +265,10 @@ def refuse_goal(
         Failure: That of the goal as given: ``IN_COLLISION``, ``UNREACHABLE``, ``PATH_BROKEN`` or
             ``SINGULAR``, if none of the goals that the object's symmetry allows is possible.
     """
+    if arm.world.objects[name].is_free:
+        overlap = overlap_with_fixed(arm.world, name, goal.raised(LOWEST_M))
+        if overlap is not None:
+            raise overlap.failure()
     held = absent | {name}
     closed = arm.checker(held)
     opening: float | None = None

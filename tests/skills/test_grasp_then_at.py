@@ -274,3 +274,21 @@ def test_redundant_arm_places_in_the_branch_for_which_it_chose_the_grasp() -> No
     }
     leaves = bt.run(task).arms["a"].runs
     assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
+def test_goal_at_which_the_object_has_no_room_is_refused_before_it_is_grasped(gripper: str) -> None:
+    """The can would stand in a post: `place` failed after the arm had carried it there."""
+    at = {"xyz": [0.62, 0.1, 0.0355]}
+    task = _in_a_channel("ur5e", gripper, 0, 0, {"object": "can", "then_at": at})
+    post = {"shape": "box", "size": [0.06, 0.06, 0.2], "fixed": True}
+    task["objects"] = {
+        "can": {"shape": "cylinder", "size": [0.025, 0.07], "mass": 0.15}
+        | {"pose": {"xyz": [0.5, -0.3, 0.0355]}},
+        "post": post | {"pose": {"xyz": [0.67, 0.1, 0.1]}},
+    }
+    task["arms"]["arm1"]["base"] = {"xyz": [0, 0, 0]}
+    (leaf,) = bt.run(task).arms["arm1"].runs
+    assert leaf.code == "OUT_OF_REACH"
+    assert "'can' could not be set down at `then_at`: can would be" in leaf.reason
+    assert "deep in post" in leaf.reason
