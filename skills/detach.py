@@ -25,7 +25,7 @@ class Detach(Skill):
         tolerance: float = port(
             0.01, "largest motion while it comes to rest", unit="m", ge=1e-3, le=1.0
         )
-        settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
+        settle: Duration = port(2.0, "longest time to come to rest", gt=0, le=30)
 
     failures = {
         "NOT_THERE": "the object is not in the world",

@@ -940,6 +940,49 @@ class OutsideContacts:
         return None
 
 
+def contact_of_links(
+    world: World, arm: str, name: str, pose: Pose, rows: Matrix, room: float
+) -> Contact | None:
+    """First contact of an arm's links, but not its tool, with a free object that stays in place.
+
+    For motions on which the tool may touch the object: plans leave out all of its contacts then.
+
+    Args:
+        world: World in its current state; never changed.
+        arm: Name of the arm.
+        name: Name of the object.
+        pose: Its pose in the world.
+        rows: Configurations, of shape (n, dof), rad.
+        room: Distance to keep, m; less where the first configuration is nearer.
+    """
+    model = world.model
+    body = world.arms[arm]
+    bodies = model.geom_bodyid
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    own = np.flatnonzero(solid & (model.body_rootid[bodies] == model.body(name).rootid[0]))
+    links = np.array([geom for geom in sorted(body.geom_ids - body.tool_geom_ids) if solid[geom]])
+    scratch = ScratchModel(world, ())
+    data = scratch.data
+    address = world.pose_address(name)
+    data.qpos[address : address + 7] = (*pose.position, *pose.quaternion)
+    sizes = model.geom_rbound[links][:, None] + model.geom_rbound[own] + room
+    for index, row in enumerate(rows):
+        data.qpos[body.qpos_ids] = row
+        mujoco.mj_kinematics(scratch.model, data)
+        apart = np.linalg.norm(data.geom_xpos[links][:, None] - data.geom_xpos[own], axis=2)
+        nearest: Contact | None = None
+        for one, other in np.argwhere(apart < sizes).tolist():
+            gap = scratch.apart(int(links[one]), int(own[other]), room)
+            if gap < room and (nearest is None or -gap > nearest.depth):
+                first = name_of_geom(model, int(links[one]))
+                nearest = Contact(first, name, -gap, tuple(row.tolist()))
+        if nearest is not None:
+            if index > 0 or nearest.depth > 0.0:
+                return nearest
+            room = -nearest.depth
+    return None
+
+
 def overlap_with_fixed(world: World, name: str, pose: Pose) -> Contact | None:
     """Deepest overlap of a free object, at a pose in the world, with what never moves.
 

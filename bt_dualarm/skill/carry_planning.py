@@ -108,7 +108,7 @@ class CarryPorts(PortModel):
     angle_tolerance: Angle = port(
         5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
     )
-    settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
+    settle: Duration = port(2.0, "longest time to come to rest", gt=0, le=30)
 
 
 @dataclass(frozen=True, eq=False)

@@ -321,7 +321,9 @@ def _refuse_retreats(
     first: Failure | None = None
     for retreat in retreats:
         try:
-            arm.refuse_collision_along(arm.line_after(q, retreat.end), held, opening=opening)
+            rows = arm.line_after(q, retreat.end)
+            arm.refuse_collision_along(rows, held, opening=opening)
+            retreat.refuse_links(arm, rows)
         except Failure as failure:
             first = first or failure.with_traceback(None)
         else:

@@ -211,7 +211,7 @@ class SettingDownPorts(PortModel):
     angle_tolerance: Angle = port(
         5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
     )
-    settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
+    settle: Duration = port(2.0, "longest time to come to rest", gt=0, le=30)
     speed: Speed = port(0.5, "fraction of the arm's limits up to the descent")
     down_speed: Speed = port(
         0.1, "fraction of the arm's limits where contact is expected, at 2 mm/s at most"
@@ -904,6 +904,7 @@ class SettingDown:
                     try:
                         out = arm.line_after(low[-1], retreat.end)
                         arm.refuse_collision_along(out, ignore=held)
+                        retreat.refuse_links(arm, out)
                     except Failure:
                         if retreat is retreats[-1]:
                             raise

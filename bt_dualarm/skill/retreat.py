@@ -9,12 +9,15 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import ArmMotions
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.arm.payload import jaw_measures
+from bt_dualarm.collision.checker import contact_of_links
 from bt_dualarm.core.errors import Failure, Number
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.trajectory.trajectory import Trajectory
 
+_BESIDE_LINKS_M: Final = 0.003  # clearance of the arm's links from it
 _BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
 
 
@@ -57,12 +60,33 @@ class RetreatTo:
     Attributes:
         end: Pose of the tool in the world at its end.
         length: Its length along the tool's axis, m.
-        by_object: Whether it could touch the object, so that it has to be checked against that.
+        name: Name of the object.
+        object_pose: Pose of the object in the world.
+        by_object: Whether the hand could touch the object, so that it has to be checked against it.
     """
 
     end: Pose
     length: float
+    name: str
+    object_pose: Pose
     by_object: bool = False
+
+    def refuse_links(self, arm: ArmMotions, rows: Matrix) -> None:
+        """Check that no link of the arm touches the object that the hand leaves.
+
+        Args:
+            arm: The arm.
+            rows: Configurations of the retreat, of shape (n, dof), rad.
+
+        Raises:
+            Failure: ``IN_COLLISION``.
+        """
+        if arm.world.objects[self.name].is_free:
+            contact = contact_of_links(
+                arm.world, arm.name, self.name, self.object_pose, rows, _BESIDE_LINKS_M
+            )
+            if contact is not None:
+                raise contact.failure()
 
 
 def possible_retreats(
@@ -81,18 +105,19 @@ def possible_retreats(
         asked: Length of the retreat that is requested, m.
     """
     axes = tool.rotation_matrix
-    found = [RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
+    there = name, tool @ in_tool
+    found = [RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked, *there)]
     comes_free = -float(axes[2, 2])
     if (
         arm.gripper.description.fingers
         and _COMES_FREE < comes_free < _VERTICAL
         and abs(axes[2, 1]) < _HORIZONTAL
     ):
-        found.append(RetreatTo(tool.raised(asked), comes_free * asked, by_object=True))
+        found.append(RetreatTo(tool.raised(asked), comes_free * asked, *there, by_object=True))
     beyond = _distance_beyond(arm, name, in_tool)
     shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
     if shortest < asked:
-        found.append(RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
+        found.append(RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest, *there))
     return found
 
 
@@ -114,6 +139,7 @@ def plan_retreat(
         try:
             rows = arm.line_on(retreat.end)
             yield from move.checked(rows, known_free=False)
+            retreat.refuse_links(arm, rows)
             if retreat.by_object:
                 arm.refuse_collision_along(rows)
             motion = arm.time_path(rows, move.speed)

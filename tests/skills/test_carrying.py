@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, cast
@@ -486,7 +487,10 @@ def test_arms_retreat_differently_where_a_straight_retreat_is_impossible(
 
     def beyond_reach(*arguments: Any) -> list[RetreatTo]:
         found = possible_retreats(*arguments)
-        return [RetreatTo(found[0].end @ Pose.from_rpy((0.0, 0.0, -2.0)), 2.0), *found]
+        return [
+            replace(found[0], end=found[0].end @ Pose.from_rpy((0.0, 0.0, -2.0)), length=2.0),
+            *found,
+        ]
 
     monkeypatch.setattr(carrying, "possible_retreats", beyond_reach)
     to = {"xyz": [0.0, -0.45, 0.525], "rpy": [0, 0, 0]}

@@ -9,6 +9,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.collision.checker import contact_of_links
 from tests.families import some
 
 
@@ -265,3 +266,79 @@ def test_tilted_object_is_refused_with_its_tilt_as_the_reason() -> None:
     assert leaf.code == "IN_COLLISION", leaf
     assert "no orientation" in leaf.reason
     assert "45° from upright" in leaf.reason
+
+
+def test_no_link_touches_the_object_on_the_retreat() -> None:
+    """The upper arm tipped the post over: the check of the retreat left out the object."""
+    stand: dict[str, Any] = {"shape": "box", "fixed": True, "color": "gray"}
+    at = {"xyz": [0.836, 0.281, 0.382], "rpy": [0, 0, -50]}
+    givers = [{"grasp": {"object": "post"}}, {"hand_over": {"object": "post", "to": "b"}}]
+    takers = [
+        {"take_over": {"object": "post", "from": "a", "then_at": at}},
+        {"place": {"object": "post", "at": at}},
+    ]
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "world": {"scene": "empty", "reality": "rough", "seed": 2, "time_limit": 160},
+            "objects": {
+                "from": stand
+                | {"size": [0.16, 0.16, 0.201], "pose": {"xyz": [0.244, 0.374, 0.1005]}},
+                "onto": stand
+                | {"size": [0.16, 0.16, 0.307], "pose": {"xyz": [0.836, 0.281, 0.1535]}},
+                "post": {"shape": "box", "size": [0.022, 0.035, 0.149], "mass": 0.237}
+                | {"pose": {"xyz": [0.244, 0.374, 0.276], "rpy": [0, 0, -17]}},
+            },
+            "arms": {
+                "a": {
+                    "robot": "ur5",
+                    "gripper": "robotiq_2f85",
+                    "tree": {"sequence": [*givers, "go_home"]},
+                },
+                "b": {
+                    "robot": "ur5e",
+                    "gripper": "robotiq_2f85",
+                    "base": {"xyz": [1.128, 0, 0], "rpy": [0, 0, 180]},
+                    "tree": {"sequence": takers},
+                },
+            },
+        }
+    )
+    leaf = result.arms["b"].runs[-1]
+    assert leaf.status == "SUCCESS", f"{leaf.code}: {leaf.reason}"
+
+
+def test_links_beside_an_object_are_found_on_a_path() -> None:
+    post: dict[str, Any] = {"shape": "box", "size": [0.05, 0.05, 1.0], "mass": 1}
+    post["pose"] = {"xyz": [0.3, 0.3, 0.501]}
+    file = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty"},
+        "objects": {"post": post},
+        "arms": {"arm": {"robot": "ur5e", "tree": "go_home"}},
+    }
+    with bt.open(file) as run:
+        world = run.world
+        pose = world.object_pose("post")
+        q = world.hardware["arm"].q
+        turned = q + np.linspace(0.0, 1.0, 60)[:, None] * np.eye(6)[0] * np.pi
+        found = [
+            contact_of_links(world, "arm", "post", pose, rows, 0.003)
+            for rows in (q[None], turned, turned[::-1])
+        ]
+        assert found[0] is None
+        for contact in found[1:]:
+            assert contact is not None
+            assert contact.first.startswith("arm/")
+            assert contact.second == "post"
+        # Beside the object at its beginning, a path may go on as near to it.
+        assert found[1] is not None
+        near = np.array(found[1].at)
+        before = near - 0.04 * np.eye(6)[0]
+        assert (
+            contact_of_links(world, "arm", "post", pose, np.array((before, before)), 0.05) is None
+        )
+        assert (
+            contact_of_links(world, "arm", "post", pose, np.array((before, turned[-1])), 0.05)
+            is None
+        )
