@@ -237,6 +237,17 @@ class KnownShape:
         cosine = max(self._cosine(first, second, turn) for turn in self._own_turns)
         return math.acos(min(max(cosine, -1.0), 1.0))
 
+    def tilt(self, pose: Pose) -> float:
+        """Angle of the object's z axis from the vertical, rad, up to its symmetry.
+
+        A box that is turned upside down is not tilted, and a ball never is.
+        """
+        if self.kind == "sphere":
+            return 0.0
+        up = pose.rotation_matrix[2]
+        cosine = max(float(up @ turn[:, 2]) for turn in self._own_turns)
+        return math.acos(min(max(cosine, -1.0), 1.0))
+
     def _turned_about_center(self, pose: Pose, axes: Matrix) -> Vector:
         """Position of the object's frame, of shape (3,), m, after a rotation about its center."""
         if not any(self.center):

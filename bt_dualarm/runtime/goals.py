@@ -149,7 +149,7 @@ class Referee(IdleObserver):
             self._away(one, subject, pose)
             or self._outside(one, subject, pose)
             or self._not_on(one)
-            or _tilted(one, subject, pose)
+            or self._tilted(one, subject, pose)
             or self._at_another_height(one, subject, pose)
             or self._held_otherwise(one)
             or self._too_fast(one, subject)
@@ -161,6 +161,16 @@ class Referee(IdleObserver):
     def _center(self, one: ConditionSpec, pose: Pose) -> Vector:
         """Center of an object, or the tool's position, of shape (3,), m."""
         return pose.position if one.object is None else self._world.object_middle(one.object)
+
+    def _tilted(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
+        if one.tilt is None:
+            return ""
+        if one.object is None:
+            cosine = float(pose.rotation_matrix[2, 2])
+            tilt = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        else:
+            tilt = math.degrees(KnownShape.of(self._world.objects[one.object]).tilt(pose))
+        return f"{subject} is tilted by {tilt:.1f}°" if tilt > one.tilt else ""
 
     def _away(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
         if one.at is None:
@@ -324,13 +334,6 @@ def _said(one: ConditionSpec) -> str:
     """A condition that holds, as text."""
     given = one.model_dump(exclude_defaults=True)
     return ", ".join(f"{name} {value}" for name, value in given.items())
-
-
-def _tilted(one: ConditionSpec, subject: str, pose: Pose) -> str:
-    if one.tilt is None:
-        return ""
-    tilt = math.degrees(math.acos(max(-1.0, min(1.0, float(pose.rotation_matrix[2, 2])))))
-    return f"{subject} is tilted by {tilt:.1f}°" if tilt > one.tilt else ""
 
 
 def _mm(meters: float, digits: int = 1) -> str:

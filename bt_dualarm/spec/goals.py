@@ -38,7 +38,11 @@ class ConditionSpec(Value):
     in_zone: str | None = port(None, "Zone of the cell in which its center is")
     on: str | None = port(None, "Object on which it stands: it touches it from above")
     tilt: float | None = port(
-        None, "Largest angle of its z axis from the vertical", unit="deg", ge=0.0, le=180.0
+        None,
+        "Largest angle of its z axis from the vertical, up to the symmetry of an object",
+        unit="deg",
+        ge=0.0,
+        le=180.0,
     )
     height: _Bounds | None = port(None, "Smallest and largest height of its center", unit="m")
     held_by: str | None = port(None, "Arm that holds it")

@@ -152,3 +152,24 @@ def test_the_outline_of_a_ball_is_where_lines_of_sight_are_tangent() -> None:
     points = BALL.seen_from(eye, np.eye(3))
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.03, rtol=1e-12)
     np.testing.assert_allclose(np.sum(points * (eye - points), axis=1), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "turned", "tilt"),
+    [
+        ("box", (0.04, 0.05, 0.1), 180.0, 0.0),
+        ("box", (0.04, 0.05, 0.1), 170.0, 10.0),
+        ("box", (0.04, 0.05, 0.1), 90.0, 90.0),
+        ("box", (0.05, 0.05, 0.05), 90.0, 0.0),
+        ("cylinder", (0.03, 0.1), 180.0, 0.0),
+        ("sphere", (0.03,), 65.0, 0.0),
+        ("cup", (0.03, 0.1), 180.0, 180.0),
+        ("bin", (0.1, 0.1, 0.1), 180.0, 180.0),
+    ],
+)
+def test_tilt_is_up_to_the_symmetry_of_the_object(
+    shape: str, size: tuple[float, ...], turned: float, tilt: float
+) -> None:
+    known = KnownShape.of(ObjectSpec.model_validate({"shape": shape, "size": size, "mass": 0.1}))
+    pose = Pose.from_rpy((0.0, 0.0, 0.0), (np.radians(turned), 0.0, 0.4))
+    assert np.degrees(known.tilt(pose)) == pytest.approx(tilt, abs=1e-4)
