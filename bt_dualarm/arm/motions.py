@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -81,6 +82,10 @@ _STAYS_S = 1.0  # after which arms that the guard has stopped stay there, unless
 
 _RELAXATIONS = 4
 _YIELD_S = 0.1  # time for a contact to push the arm away
+
+
+_OPENS_M: Final = 0.0005
+"""Difference from which fingers count as opening, m."""
 
 
 class ArmMotions(ArmState):
@@ -1102,7 +1107,8 @@ class ArmMotions(ArmState):
 
         It keeps `PLANNING_MARGIN_M` from other arms (`RESTING_MARGIN_M` from those that stay where
         they are), or the current distance from an arm that is already nearer. Arms that follow this
-        one's tool are left out.
+        one's tool are left out. Fingers that are opening count as far apart as they will be, unless
+        they would touch something where the arm is now.
         """
         left_out = self._shared.traffic.followers(self.name) | self.left_out
         ignore |= left_out
@@ -1115,6 +1121,7 @@ class ArmMotions(ArmState):
                     checker.move_object(name, pose)
             contact = checker.contact(self.setpoint.q)
             if contact is None:
+                self._open_as_commanded(checker)
                 return checker
             if contact.depth >= 0.0:
                 # A tool that is set on something may by its encoders be a hair above it.
@@ -1126,6 +1133,17 @@ class ArmMotions(ArmState):
             # 0.1 mm less each time, so that the loop ends whatever the rounding is.
             reduced = min(clearance(-contact.depth, margins[near]), margins[near] - 1e-4)
             margins[near] = max(reduced, 0.0)
+
+    def _open_as_commanded(self, checker: CollisionChecker) -> None:
+        """Let a checker open the fingers as far as they have been told to, if they are opening."""
+        gripper = self.world.grippers.get(self.name)
+        if gripper is None or not gripper.gripper.fingers:
+            return
+        now, asked = gripper.width, gripper.commanded.width
+        if asked > now + _OPENS_M:
+            checker.open_fingers(min(asked, gripper.gripper.stroke))
+            if checker.contact(self.setpoint.q) is not None:
+                checker.open_fingers(now)
 
     def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
         """Check a configuration before anything moves.

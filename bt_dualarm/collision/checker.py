@@ -238,8 +238,11 @@ class ScratchModel:
         return float(mujoco.mj_geomDistance(self.model, self.data, first, second, most, None))
 
     def __getstate__(self) -> _State:
-        """State without what MuJoCo computes from the rest."""
-        return {"model": self.model, "positions": self._positions, "carried": self._carried}
+        """State without what MuJoCo computes from the rest.
+
+        The positions are the present ones: fingers and objects may have been moved.
+        """
+        return {"model": self.model, "positions": self.data.qpos.copy(), "carried": self._carried}
 
     def __setstate__(self, state: _State) -> None:
         """Restore the scratch model, in another process."""

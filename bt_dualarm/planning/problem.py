@@ -92,6 +92,10 @@ ROOM_M = 2e-3
 """Distance that a motion keeps from everything but the arm itself if there is such a motion, m: at
 full speed an arm is off by 0.6 mm in `lab`, and more in `rough`."""
 
+_STRAIGHT = 2.0 * ROOM_M
+"""Largest motion of a point of the arm between two checks of a straight motion, m: between them it
+may cut off a right-angled edge by half of that, but then it does not keep `ROOM_M`."""
+
 QUICK_CHECKS = 30_000
 """The same for a search that often fails, or is one of many; about a second. A motion to one of
 `PlanningProblem.turned` is mostly found within a thousand: the joint then rotates freely."""
@@ -422,8 +426,8 @@ def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
     clear = is_clear(checker, corners)
     if clear is not None:
         return clear
-    pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
-    # Between two rows no point moves by more than FINE: too little to pass through a thin wall.
+    pieces = (interpolated(a, b, checker.radii, _STRAIGHT) for a, b in itertools.pairwise(corners))
+    # Between two rows no point moves by more than that: too little to pass through a thin wall.
     return all(checker.first_contact(rows) is None for rows in pieces)
 
 

@@ -234,6 +234,20 @@ def test_pickled_checker_finds_the_same_contacts() -> None:
     np.testing.assert_array_equal(here.radii, there.radii)
 
 
+def test_pickled_checker_keeps_what_was_moved_in_it() -> None:
+    """Plans are searched in another process: it took fingers and objects for where they were."""
+    world = pick_world()
+    here = CollisionChecker(world, "arm1")
+    home = world.arms["arm1"].robot.postures["home"]
+    tool = world.nominal["arm1"].tool_pose_at(home)
+    here.move_object("cube", tool)
+    contact = here.contact(home)
+    assert contact is not None
+    assert contact.second == "cube"
+    there = pickle.loads(pickle.dumps(here))  # noqa: S301 - own data
+    assert there.contact(home) == contact
+
+
 def test_interpolation_includes_its_ends_and_limits_its_step() -> None:
     radii = np.array((1.0, 0.5))
     rows = interpolated(np.zeros(2), np.ones(2), radii, 0.1)

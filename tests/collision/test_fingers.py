@@ -13,9 +13,11 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.planning.problem import straight_motion
 from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
+from tests.arm.test_arm import Bench
 from tests.control.walls import problem_in
 from tests.families import some
 from tests.grippers.fingers import FINGERED, opened
@@ -115,3 +117,23 @@ def test_distance_of_arms_includes_their_fingers(gripper: str) -> None:
         near.append(ArmDistance(world, "arm1").gap({}))
     assert 0.0 < near[1].meters < near[0].meters - NEARER_M
     assert near[1].first in {f"arm1/{finger}" for finger in FINGERS}
+
+
+@pytest.mark.parametrize(
+    ("robot", "gripper"), some(product(("ur5", "panda", "xarm7", "ur10e"), FINGERED), 3)
+)
+def test_plans_are_for_fingers_as_far_apart_as_they_are_opening_to(
+    robot: str, gripper: str
+) -> None:
+    """A plan that was made while they opened led an open finger against a post."""
+    world, there = beside_a_post(robot, gripper)
+    bench = Bench(robot=robot, gripper=gripper, post=world.declared_objects["post"])
+    opened(bench.world, 0.0)
+    hardware = bench.world.grippers["arm1"]
+    description = hardware.gripper
+    speed, force = description.speed.most, description.force.least
+    hardware.command(GripperCommand(0.0, speed, force))
+    assert bench.first.checker().free(there)
+    hardware.command(GripperCommand(description.stroke, speed, force))
+    assert hardware.width < 0.5 * description.stroke
+    assert not bench.first.checker().free(there)
