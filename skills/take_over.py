@@ -151,6 +151,7 @@ class TakeOver(Skill):
     counterpart = Counterpart("hand_over", partner="from", its_partner="to")
     needs = ("bt_dualarm.skill.preload_grasping",)
     ports: Any
+    _met_q: Vector | None = None  # where the fingers began to close
 
     def run(self) -> Iterator[float | None]:
         """Meet the giver; choose place and grasp; close next to its fingers; take the weight."""
@@ -522,6 +523,7 @@ class TakeOver(Skill):
             if gap > _TOUCH_M:
                 raise Failure("NOT_GRASPED", f"the tool is {1e3 * gap:.0f} mm from {name!r}")
             return
+        self._met_q = arm.setpoint.q
         gripper = arm.gripper
         description = gripper.description
         grasp = plan.grasp
@@ -556,7 +558,7 @@ class TakeOver(Skill):
             if yields and sense.is_tactile:
                 is_met = is_met or float(np.linalg.norm(sense.look())) > _MET_N
             if yields and is_met and next(relaxing, None) is None:
-                relaxing = arm.relax(stays_compliant=True)
+                relaxing = arm.relax(stays_compliant=True, near=self._met_q)
             yield 0.5
             arm.check()
             joint.check()
@@ -581,7 +583,7 @@ class TakeOver(Skill):
         """Yield to the forces between the arms; returns the load on the pads then, N."""
         sense = LoadSense(self.arm)
         felt = -float(sense.look()[2])
-        for _ in self.arm.relax(stays_compliant=True):
+        for _ in self.arm.relax(stays_compliant=True, near=self._met_q):
             yield 0.55
             joint.check()
             felt = -float(sense.look()[2])

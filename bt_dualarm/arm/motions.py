@@ -84,6 +84,9 @@ _RELAXATIONS = 4
 _YIELD_S = 0.1  # time for a contact to push the arm away
 
 
+_YIELDS_RAD: Final = 0.02
+"""Motion of a joint up to which an arm yields near a configuration, rad."""
+
 _OPENS_M: Final = 0.0005
 """Difference from which fingers count as opening, m."""
 
@@ -535,7 +538,9 @@ class ArmMotions(ArmState):
                 raise self.controller.naming_efforts(failure)
             yield 1.0
 
-    def relax(self, *, stays_compliant: bool = False) -> Iterator[float]:
+    def relax(
+        self, *, stays_compliant: bool = False, near: Vector | None = None
+    ) -> Iterator[float]:
         """Move the set-point to the measured configuration, which ends any contact force.
 
         As the arm yields, the contact pushes it farther away, so this takes a few iterations; the
@@ -545,13 +550,20 @@ class ArmMotions(ArmState):
         Args:
             stays_compliant: Whether a compliant arm stays so: its contact continues. It then yields
                 twice only.
+            near: Configuration, of shape (dof,), rad, from which the set-point moves by at most
+                `_YIELDS_RAD`: a joint that walks, as what compensates its dry friction pushes it,
+                goes on and on.
 
         Raises:
             Failure: ``BUSY`` or ``TRACKING_ERROR``, as ``follow``.
         """
         limits = self.robot.limits
+        lower, upper = limits.lower, limits.upper
+        if near is not None:
+            lower = np.maximum(lower, near - _YIELDS_RAD)
+            upper = np.minimum(upper, near + _YIELDS_RAD)
         for left in range(2 if stays_compliant else _RELAXATIONS, 0 if stays_compliant else -1, -1):
-            here = np.clip(self.q, limits.lower, limits.upper)
+            here = np.clip(self.q, lower, upper)
             retreat = point_to_point(self.setpoint.q, here, limits, self.period)
             # A compliant arm with a wrong load model sinks away from every set-point: in the end it
             # holds its place.
