@@ -49,6 +49,7 @@ from bt_dualarm.planning.problem import (
 )
 from bt_dualarm.robots.gripper import GRIPPER
 from bt_dualarm.safety.guard import RESCALED, PlanMonitor, clearance
+from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.coupled import CoupledSource
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.path_timing import SpeedBound, point_to_point, time_path, time_path_below
@@ -89,6 +90,26 @@ _YIELDS_RAD: Final = 0.02
 
 _OPENS_M: Final = 0.0005
 """Difference from which fingers count as opening, m."""
+
+
+def open_as_commanded(world: World, arm: str, q: Vector, checker: CollisionChecker) -> None:
+    """Let a checker open the fingers of an arm as far as they have been told to open.
+
+    Args:
+        world: World with the arm.
+        arm: Name of the arm.
+        q: Where it is, of shape (dof,), rad: if such fingers would touch something there, they stay
+            as they are.
+        checker: Collision checker of the arm.
+    """
+    gripper = world.grippers.get(arm)
+    if gripper is None or not gripper.gripper.fingers:
+        return
+    now, asked = gripper.width, gripper.commanded.width
+    if asked > now + _OPENS_M:
+        checker.open_fingers(min(asked, gripper.gripper.stroke))
+        if checker.contact(q) is not None:
+            checker.open_fingers(now)
 
 
 class ArmMotions(ArmState):
@@ -1133,7 +1154,7 @@ class ArmMotions(ArmState):
                     checker.move_object(name, pose)
             contact = checker.contact(self.setpoint.q)
             if contact is None:
-                self._open_as_commanded(checker)
+                open_as_commanded(self.world, self.name, self.setpoint.q, checker)
                 return checker
             if contact.depth >= 0.0:
                 # A tool that is set on something may by its encoders be a hair above it.
@@ -1145,17 +1166,6 @@ class ArmMotions(ArmState):
             # 0.1 mm less each time, so that the loop ends whatever the rounding is.
             reduced = min(clearance(-contact.depth, margins[near]), margins[near] - 1e-4)
             margins[near] = max(reduced, 0.0)
-
-    def _open_as_commanded(self, checker: CollisionChecker) -> None:
-        """Let a checker open the fingers as far as they have been told to, if they are opening."""
-        gripper = self.world.grippers.get(self.name)
-        if gripper is None or not gripper.gripper.fingers:
-            return
-        now, asked = gripper.width, gripper.commanded.width
-        if asked > now + _OPENS_M:
-            checker.open_fingers(min(asked, gripper.gripper.stroke))
-            if checker.contact(self.setpoint.q) is not None:
-                checker.open_fingers(now)
 
     def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
         """Check a configuration before anything moves.

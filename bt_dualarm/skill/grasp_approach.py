@@ -10,7 +10,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
-from bt_dualarm.collision.checker import overlap_with_fixed
+from bt_dualarm.collision.checker import Contact, overlap_with_fixed
 from bt_dualarm.core.errors import Failure, nearest_to_success
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
@@ -27,7 +27,8 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _PASSING = 3  # openings with which the hand passes other parts of the object
-_RETREAT_M = 0.08  # length of the retreat from a goal, the default of `place`
+_INSIDE_M = 0.0025  # overlap from which the object has no room: more than holes are off
+_RETREAT_M = 0.05  # length of the retreat from a goal
 _CHECKS = 48  # descents to a goal that are checked, to all poses that look like it together
 
 TRIES = 16
@@ -266,9 +267,15 @@ def refuse_goal(
             ``SINGULAR``, if none of the goals that the object's symmetry allows is possible.
     """
     if arm.world.objects[name].is_free:
-        overlap = overlap_with_fixed(arm.world, name, goal.raised(LOWEST_M))
-        if overlap is not None:
-            raise overlap.failure()
+        # A goal may be too low for its support, and one in a hole may slope, or be beside it.
+        overlap: Contact | None = None
+        for pose in (goal, goal.raised(LOWEST_M)):
+            overlap = overlap_with_fixed(arm.world, name, pose)
+            if overlap is None or overlap.depth < _INSIDE_M:
+                break
+        else:
+            if overlap is not None:
+                raise overlap.failure()
     held = absent | {name}
     closed = arm.checker(held)
     opening: float | None = None
