@@ -51,12 +51,7 @@ def main(argv: Sequence[str] | None) -> int:
     from bt_dualarm.replay.record import Record
 
     record: Record | None = None
-    for _, target in wanted:  # all of them before the first, which may take minutes
-        try:
-            with suppress(FileNotFoundError):
-                target.lstat()
-        except OSError as error:
-            raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
+    _refuse_targets([target for _, target in wanted], arguments.folders)
     for name, target in wanted:
         try:
             if name == "lerobot":
@@ -95,6 +90,30 @@ def _command_line() -> argparse.ArgumentParser:
     add("--append", action="store_true", help="add the runs to the data set in FOLDER")
     add("--csv", metavar="FOLDER", type=given_path, help="a folder of tables")
     return parser
+
+
+def _refuse_targets(targets: Sequence[Path], folders: Sequence[Path]) -> None:
+    """Refuse unusable targets, all of them before the first export, which may take minutes.
+
+    Raises:
+        DualArmError: A target cannot be reached, is given twice, or is a file of the record, which
+            the export would destroy.
+    """
+    from bt_dualarm.runtime.recorder import FILES
+
+    seen: set[Path] = set()
+    for target in targets:
+        try:
+            with suppress(FileNotFoundError):
+                target.lstat()
+            place = target.parent.resolve() / target.name
+        except OSError as error:
+            raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
+        if place in seen:
+            raise DualArmError(f"cannot write {target}: two exports have this target")
+        if place.name in FILES and place.parent in [folder.resolve() for folder in folders]:
+            raise DualArmError(f"cannot write {target}: it is a file of the record")
+        seen.add(place)
 
 
 def _html(record: Record, target: Path) -> None:

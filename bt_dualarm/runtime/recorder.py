@@ -202,7 +202,9 @@ EARLIER: Final = ".earlier"
 """Folder with the files of an earlier run, until the new record is complete; a run that is killed
 leaves it behind."""
 
-_FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, FRAMES, OVERVIEW, SCENE)
+FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, FRAMES, OVERVIEW, SCENE)
+"""Names of the files of a record, except the plots of each arm."""
+
 _PLOTS: Final = ("plane", "time")
 
 _SUMMARY_KEYS: Final = frozenset({"outcome", "state_sha256", "arms"})
@@ -237,7 +239,7 @@ class RecordFolder:
 
     def __init__(self, path: Path, arms: Iterable[str]) -> None:
         self.path = path
-        self._names = [*_FILES, *_plots_of(arms)]
+        self._names = [*FILES, *_plots_of(arms)]
         self._is_withdrawn = False
         self._is_new = not kind_at(path)
         try:
@@ -387,7 +389,7 @@ def _remove_folder(folder: Path) -> None:
     for file in folder.iterdir():
         if file.name == PARTS:
             _remove_folder(file)
-        elif file.name in _FILES or file.suffix in (".npy", ".png"):
+        elif file.name in FILES or file.suffix in (".npy", ".png"):
             file.unlink()
     folder.rmdir()
 

@@ -89,6 +89,26 @@ def test_tables_of_two_runs_are_not_mixed(
     assert (tmp_path / "events.csv").read_text(encoding="utf-8") == "before"
 
 
+def test_an_export_destroys_neither_the_record_nor_another_export(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is written, not even the first of two exports."""
+    command = ["export", str(failed.folder)]
+    (tmp_path / "link").symlink_to(failed.folder)
+    for name in ("run.history", "events.jsonl"):
+        content = (failed.folder / name).read_bytes()
+        for folder in (failed.folder, tmp_path / "link"):
+            assert cli.record([*command, "--html", str(folder / name)]) == 2
+            assert "is a file of the record" in capsys.readouterr().err
+        assert (failed.folder / name).read_bytes() == content
+    page = tmp_path / "page"
+    (tmp_path / "deep").mkdir()
+    again = tmp_path / "deep" / ".." / "page"
+    assert cli.record([*command, "--html", str(page), "--mcap", str(again)]) == 2
+    assert "two exports" in capsys.readouterr().err
+    assert not page.exists()
+
+
 @pytest.mark.parametrize("end", [".html", ".mcap", ".mp4", ".webp", "_csv", "_lerobot"])
 def test_name_may_be_as_long_as_the_file_system_allows(
     begun: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
