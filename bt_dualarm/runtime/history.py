@@ -80,7 +80,9 @@ class Start:
             "versions": versions(),
             "processor": processor(),
         }
-        return Block("start", {name: json_ready(value) for name, value in data.items()})
+        # Exact, because a replay computes with these numbers.
+        exactly = {name: json_ready(value, decimals=None) for name, value in data.items()}
+        return Block("start", exactly)
 
     def _arm(self, name: str) -> dict[str, object]:
         arm = self.file.arms[name]

@@ -127,9 +127,9 @@ class RunOptions:
         if self.seed is not None:
             object.__setattr__(self, "seed", checked_seed(self.seed))
         if self.duration is not None:
-            checked_seconds(self.duration, "duration")
-        if self.watchdog not in (None, math.inf):
-            checked_seconds(self.watchdog, "watchdog")
+            object.__setattr__(self, "duration", checked_seconds(self.duration, "duration"))
+        if self.watchdog is not None and self.watchdog != math.inf:
+            object.__setattr__(self, "watchdog", checked_seconds(self.watchdog, "watchdog"))
         kinds = get_args(RendererKind)
         if self.renderer is not None and self.renderer not in kinds:
             hint = suggestion(str(self.renderer), kinds, "renderer")

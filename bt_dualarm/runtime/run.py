@@ -364,11 +364,13 @@ class Run:
         Raises:
             RunError: The run has ended or is closed, or ``seconds`` is not a number above 0.
         """
-        checked_seconds(seconds, "step")
+        number = checked_seconds(seconds, "step")
         if self._result is not None:
             raise RunError(f"the run ended at {self.time:.3f} s: it cannot be stepped any further")
+        # Numbers of NumPy become those of Python, because fractions of its integers overflow.
+        given = seconds if isinstance(seconds, Fraction) else number
         # `exact` rounds a tiny duration to 0; counting it as given lets repeated calls add up.
-        requested = self._requested_s + (exact(seconds) or Fraction(seconds))
+        requested = self._requested_s + (exact(given) or Fraction(given))
         self._advance(requested // exact(self.world.timestep))
         self._requested_s = requested
 

@@ -169,20 +169,26 @@ def _arm(arm: ArmResult) -> dict[str, object]:
     }
 
 
-def json_ready(value: object) -> object:
-    """A value with types that JSON has: plain Python numbers, rounded to nine decimals.
+def json_ready(value: object, decimals: int | None = 9) -> object:
+    """A value with types that JSON has: plain Python numbers, rounded.
 
     Numbers that are not finite become null, because JSON has none; integers beyond 64 bits become
     floats, and texts encodable, because readers refuse others.
+
+    Args:
+        value: The value.
+        decimals: Number of decimals that are kept; None for all, so that the number is exact.
     """
     if isinstance(value, Mapping):
-        return {encodable(str(key)): json_ready(item) for key, item in value.items()}
+        return {encodable(str(key)): json_ready(item, decimals) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [json_ready(item) for item in value]
+        return [json_ready(item, decimals) for item in value]
     if hasattr(value, "tolist"):
-        return json_ready(value.tolist())
+        return json_ready(value.tolist(), decimals)
     if isinstance(value, int) and abs(value) > LARGEST_INT:
         value = float(value) if abs(value) <= sys.float_info.max else math.inf
     if isinstance(value, float):
-        return round(value, 9) if math.isfinite(value) else None
+        if not math.isfinite(value):
+            return None
+        return value if decimals is None else round(value, decimals)
     return encodable(value) if isinstance(value, str) else value

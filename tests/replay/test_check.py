@@ -6,8 +6,10 @@ import dataclasses
 import json
 import time
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import bt_dualarm
@@ -38,6 +40,35 @@ def test_the_same_run_agrees_to_the_last_step_and_hash(short: Record) -> None:
     assert found.agrees
     assert (found.steps, found.hash_agrees) == (short.steps, True)
     assert found.changed == ()
+
+
+PARAMETER = """\
+bt_dualarm: 1
+world: {scene: empty}
+params: {far: {type: number, default: 0.05}}
+arms: {arm1: {robot: ur5, tree: {reach_to_pose: {offset: {xyz: [0, 0, "{far}"]}}}}}
+"""
+
+WEAK = {"kind": "weak_joint", "arm": "arm1", "joint": "elbow_joint"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"params": {"far": 0.0567890123456789}},
+        {"params": {"far": np.float32(0.0567)}},
+        {"duration": Fraction(1, 3)},
+        {"duration": np.float32(0.3)},
+        {"reality": {"set": "lab", "drive": {"delay": np.float32(0.0021)}}},
+        {"faults": {"weak": {**WEAK, "strength": 0.1234567890123}}},
+    ],
+    ids=str,
+)
+def test_numbers_that_a_run_was_given_are_recorded_exactly(
+    tmp_path: Path, options: dict[str, object]
+) -> None:
+    found = check_record(recorded(tmp_path, PARAMETER, **options), REGISTRY)
+    assert found.agrees, found.difference
 
 
 def test_another_goal_differs_where_the_leaf_begins(short: Record) -> None:

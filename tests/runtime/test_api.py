@@ -279,6 +279,16 @@ def sha_of_one() -> str:
     return sha_of(ONE)
 
 
+def test_a_step_may_be_a_number_of_numpy() -> None:
+    """Without an overflow of its integers."""
+    parts: list[Any] = [np.float32(0.1), np.float64(1 / 3), np.int64(1), np.uint8(1)]
+    with bt.open(ONE) as run:
+        for part in parts:
+            if not run.done:
+                run.step(part)
+        assert run.finish().state_sha256 == sha_of_one()
+
+
 def test_observing_a_run_does_not_change_it(alone: dict[str, str]) -> None:
     """All of its state is read after every step."""
     with bt.open(SEEN, renderer="ray") as run:
